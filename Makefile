@@ -63,7 +63,7 @@ proof: install  ## sealed moorings by SEED, N of them, scored: build/proof/score
 	$(BIN)/python -m benchmarks.proof --seed $(SEED) --count $(N)
 
 schema: install  ## JSON schemas of the YAML files, from the models
-	$(BIN)/python -m compasslib.config.json_schema config/schema
+	$(BIN)/python -m compasslib.config.cruise config/schema
 
 docs: .venv/docs  ## the documentation as a site, built without a network: build/docs/index.html
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs build/docs

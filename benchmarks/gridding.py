@@ -30,7 +30,7 @@ from compasslib.demo.sealed import Effect, Ground, Wish
 from compasslib.deviation.reference import declination_sigma
 from compasslib.earthfield import field_from_json
 from compasslib.pipeline import process
-from compasslib.stages import grid as stage
+from compasslib.stages import correct as stage
 from tests.world import draw
 
 KINDS = ("plain", "structured", "diving", "profiler", "two-valued")

@@ -63,7 +63,7 @@ def concealed(cruise: Path) -> None:
     """Take the diagnosis of C1 and draw its heading errors, on the axis that all concealed moorings share."""
     from compasslib.archive.files import read_json
     from compasslib.plots.diagnosis import draw_errors, error_reach
-    from compasslib.stages.concealed import heading_errors, read_headings
+    from compasslib.stages.demonstration import heading_errors, read_headings
 
     copy(cruise / "results/C1/figures", diagnosis="diagnosis.png")
     truths = {path.stem: read_json(path) for path in sorted((cruise / "concealed").glob("*.json"))}

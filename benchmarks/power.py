@@ -34,7 +34,7 @@ from compasslib.effects import driver_of
 from compasslib.inference.comparison import Options
 from compasslib.inference.wording import display_name
 from compasslib.plots.page import BLUE, GREEN, GREY, VERMILION, WIDE_IN, legend, page
-from compasslib.stages.recordings import conclude
+from compasslib.stages.demonstration import conclude
 from tests.world import pairs as sea
 
 PROJECT = Path(__file__).resolve().parents[1]

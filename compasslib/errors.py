@@ -15,7 +15,7 @@ class InputError(Exception):
         where: file, with key or record, e.g. ``config/moorings/EG4.yaml: latitude``.
     """
 
-    def __init__(self, where: str, *, expected: str, found: object, advice: str):
+    def __init__(self, where: str, expected: str, found: object, advice: str):
         where, expected, advice = (_short(part, MAX_PART) for part in (where, expected, advice))
         line = f"{where}: expected {expected}, found {_short(found, MAX_FOUND)}; {advice}"
         # File names may contain bytes that are not valid UTF-8: they are shown as escapes.

@@ -99,7 +99,12 @@ def global_attributes(
     dated = dict.fromkeys(DATES, made["date_created"]) if "date_created" in made else {}
     computed = CONSTANT | _what(site, time_s, headings, str(made.get("method", "unknown")))
     computed |= {acdd: user[same] for acdd, same in SAME.items() if same in user}
-    computed |= _where(site, depth_m) | _when(time_s)
+    computed |= _where(site, depth_m)
+    if len(time_s):
+        computed |= {f"time_coverage_{end}": iso_time(time_s[k]) for end, k in (("start", 0), ("end", -1))}
+        computed["time_coverage_duration"] = iso_duration(time_s[-1] - time_s[0])
+    if len(time_s) > 1:
+        computed["time_coverage_resolution"] = iso_duration(float(np.median(np.diff(time_s))))
     computed |= {"product_version": made["software_version"]} if "software_version" in made else {}
     computed |= {named.get(key, key): value for key, value in made.items()} | dated
     return computed | {key: value for key, value in user.items() if not values.stated(key)}
@@ -183,13 +188,11 @@ def _what(site: Site, time_s: Floats, headings: tuple[int, int], method: str) ->
 
 
 def _where(site: Site, depth_m: Floats) -> Attributes:
-    longitude = site.signed_longitude()
-    ranges: Attributes = {
-        "geospatial_lat_min": site.latitude,
-        "geospatial_lat_max": site.latitude,
+    longitude, known = site.signed_longitude(), depth_m[site.holds_water(depth_m)]
+    ranges: Attributes = {f"geospatial_lat_{end}": site.latitude for end in ("min", "max")}
+    ranges |= {f"geospatial_lon_{end}": longitude for end in ("min", "max")}
+    ranges |= {
         "geospatial_lat_units": "degree_north",
-        "geospatial_lon_min": longitude,
-        "geospatial_lon_max": longitude,
         "geospatial_lon_units": "degree_east",
         "geospatial_bounds": f"POINT ({site.latitude:g} {longitude:g})",
         "geospatial_bounds_crs": "EPSG:4326",
@@ -197,22 +200,8 @@ def _where(site: Site, depth_m: Floats) -> Attributes:
         "geospatial_vertical_positive": "down",
         "geospatial_vertical_units": "m",
     }
-    known = depth_m[site.holds_water(depth_m)]
     if len(known):
         ranges |= {"geospatial_vertical_min": float(known.min()), "geospatial_vertical_max": float(known.max())}
     if site.water_depth_m is not None:
         ranges |= {"water_depth": float(site.water_depth_m), "water_depth_units": "m"}
-    return ranges
-
-
-def _when(time_s: Floats) -> Attributes:
-    if not len(time_s):
-        return {}
-    ranges: Attributes = {
-        "time_coverage_start": iso_time(time_s[0]),
-        "time_coverage_end": iso_time(time_s[-1]),
-        "time_coverage_duration": iso_duration(time_s[-1] - time_s[0]),
-    }
-    if len(time_s) > 1:
-        ranges["time_coverage_resolution"] = iso_duration(float(np.median(np.diff(time_s))))
     return ranges

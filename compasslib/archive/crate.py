@@ -1,7 +1,9 @@
-"""The manifest results/ro-crate-metadata.json: provenance of all results as a Process Run Crate (RO-Crate 1.1).
+"""The manifest results/ro-crate-metadata.json, a Process Run Crate (RO-Crate 1.1), and verification of files by it.
 
 Each job of the workflow writes a record (``pipeline.job``), which becomes an action of the crate. Of the clock only
 ``datePublished`` is read, which SOURCE_DATE_EPOCH can fix. Profile: https://w3id.org/ro/wfrun/process/0.5
+
+Reading the manifest raises InputError where there is none, it is not a manifest, or it lists no file.
 """
 
 from __future__ import annotations
@@ -10,10 +12,11 @@ import json
 import platform
 import re
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import quote
 
@@ -29,12 +32,8 @@ PROFILE = "https://w3id.org/ro/wfrun/process/0.5"
 CONTEXT = ["https://w3id.org/ro/crate/1.1/context", "https://w3id.org/ro/terms/workflow-run/context"]
 Entity = dict[str, Any]
 FORMATS = {
-    ".nc": "application/x-netcdf",
-    ".json": "application/json",
-    ".yaml": "application/yaml",
-    ".csv": "text/csv",
-    ".png": "image/png",
-    ".html": "text/html",
+    **{".nc": "application/x-netcdf", ".json": "application/json", ".yaml": "application/yaml"},
+    **{".csv": "text/csv", ".png": "image/png", ".html": "text/html"},
 }
 # Author and license of workflow and library, which are not those of the data.
 MAKERS: tuple[Entity, ...] = (
@@ -90,27 +89,17 @@ def crate(
     files = provenance.hashes(path for paths in configuration.values() for path in paths)
     for record in jobs.values():
         files |= record["read"] | record["wrote"]
-    data = [
-        {"@id": _id(path), "@type": "File", "name": path, "sha256": known}
-        | {"encodingFormat": FORMATS.get(Path(path).suffix, "application/octet-stream")}
-        for path, known in sorted(files.items())
-    ]
     tools = list(_surroundings())
-    required = {"softwareRequirements": [reference(entity["@id"]) for entity in tools], **OWN}
+    required = {"softwareRequirements": references(entity["@id"] for entity in tools), **OWN}
     makers = {record["software"] for record in jobs.values()} | ({maker} if stopped else set())
     software = {each: _software(each, url) | required for each in sorted(makers)}
-    programs = {each: reference(entity["@id"]) for each, entity in software.items()}
-    actions = [
-        _action(name, programs[record["software"]], *_described(record, configuration), record["wrote"])
-        for name, record in jobs.items()
-    ]
-    actions += [
-        _action(f"stopped/{subject}", programs[maker], {"name": subject, "error": why}, configuration[subject])
-        for subject, why in stopped.items()
-    ]
+    actions = [_action(name, record, configuration, software[record["software"]]) for name, record in jobs.items()]
+    for subject, why in stopped.items():
+        given = {"name": subject, "error": why, "object": _files(configuration[subject])}
+        actions.append(_create_action(f"stopped/{subject}", "Failed", software[maker], given))
     owned = owners(attributes)
     project = f": {attributes['project']}" if attributes.get("project") else ""
-    about = [
+    about: list[Entity] = [
         {
             "@id": "ro-crate-metadata.json",
             "@type": "CreativeWork",
@@ -130,10 +119,15 @@ def crate(
             "datePublished": provenance.date_created(),
             "license": "not given",  # required by RO-Crate
             **{role: reference(entity["@id"]) for role, entity in owned.items()},
-            "hasPart": _refs(files),
+            "hasPart": _files(files),
             "mentions": [reference(action["@id"]) for action in actions],
         },
         *{entity["@id"]: entity for entity in (*MAKERS, *owned.values())}.values(),
+    ]
+    data = [
+        {"@id": _id(path), "@type": "File", "name": path, "sha256": known}
+        | {"encodingFormat": FORMATS.get(Path(path).suffix, "application/octet-stream")}
+        for path, known in sorted(files.items())
     ]
     return {"@context": CONTEXT, "@graph": [*about, *software.values(), *tools, *actions, *data]}
 
@@ -181,6 +175,11 @@ def reference(identifier: str) -> Entity:
     return {"@id": identifier}
 
 
+def references(identifiers: Iterable[str]) -> list[Entity]:
+    """Refer to several entities."""
+    return [reference(identifier) for identifier in identifiers]
+
+
 def _surroundings() -> Iterator[Entity]:
     """Yield entities for Python, plug-in packages, the lock file and the installed version of each required package."""
     yield _software(f"python {platform.python_version()}", "https://www.python.org/")
@@ -202,25 +201,22 @@ def _software(program: str, url: str = "") -> Entity:
     return tool | ({"url": url} if url else {})
 
 
-def _described(record: Record, configuration: Mapping[str, Sequence[str]]) -> tuple[Entity, set[str]]:
-    """Describe a job, and list the files that it read, with the YAML files behind it."""
+def _action(name: str, record: Record, configuration: Mapping[str, Sequence[str]], software: Entity) -> Entity:
+    """Compose the action of a job, which also read the YAML files behind it."""
     subject = " ".join(next(iter(record["of"].items()), ""))
     parameters = json.dumps(record["parameters"], ensure_ascii=False)
-    described = {
+    given = {
         "name": " ".join([record["rule"], *record["of"].values()]),
         "description": f"rule {record['rule']}, library {record['library']}, parameters {parameters}",
+        "object": _files({*record["read"], *configuration.get(subject, configuration[""])}),
+        "result": _files(record["wrote"]),
     }
-    return described, {*record["read"], *configuration.get(subject, configuration[""])}
+    return _create_action(name, "Completed", software, given)
 
 
-def _action(
-    name: str, software: Entity, described: Entity, read: Iterable[str], wrote: Iterable[str] | None = None
-) -> Entity:
-    """Compose the action of a job, or of one that was stopped and wrote nothing."""
-    status = "FailedActionStatus" if wrote is None else "CompletedActionStatus"
-    action: Entity = {"@id": f"#{quote(name)}", "@type": "CreateAction", "instrument": software}
-    action |= {"actionStatus": f"http://schema.org/{status}", **described, "object": _refs(read)}
-    return action if wrote is None else action | {"result": _refs(wrote)}
+def _create_action(name: str, status: str, software: Entity, given: Entity) -> Entity:
+    action = {"@id": f"#{quote(name)}", "@type": "CreateAction", "instrument": reference(software["@id"])}
+    return action | {"actionStatus": f"http://schema.org/{status}ActionStatus"} | given
 
 
 def _id(path: str) -> str:
@@ -229,7 +225,111 @@ def _id(path: str) -> str:
     return quote(inside if inside != path else f"../{path}")
 
 
-def _refs(paths: Iterable[str]) -> list[Entity] | Entity:
-    """Compose references to files; a single reference is not in a list, as usual in RO-Crate."""
-    entries = [reference(_id(path)) for path in sorted(paths)]
+def _files(paths: Iterable[str]) -> list[Entity] | Entity:
+    """Refer to files; a single reference is not in a list, as usual in RO-Crate."""
+    entries = references(map(_id, sorted(paths)))
     return entries[0] if len(entries) == 1 else entries
+
+
+# Kinds of differences from the manifest.
+FORMER = "no longer configured"
+CHANGED, MISSING, NEW, UNLISTED = "changed", "missing", "new", "unlisted"
+OF_CRUISE = (f"{FOLDER}/figures", f"{FOLDER}/logs")
+# Files of a job that no manifest lists: log, record, and benchmark (processor time).
+JOB_FILE = re.compile(r"results(?:/[^/]+){0,2}/(?:logs/[^/]+\.(?:log|json)|benchmarks/[^/]+\.tsv|stopped\.json)")
+# Files that options or instruments add, so that those of earlier ones may be left.
+OPTIONAL = re.compile(
+    r"results/(?:.+/)?(?:gridded(?:_daily)?\.nc|figures/[a-z_]+\.(?:png|pdf)|work/[^/]+\.(?:nc|json))"
+)
+Difference = tuple[str, str, str]  # what is different, path, details
+
+
+def unlisted_files(root: Path, configured: Collection[str] | None) -> dict[str, str]:
+    """Classify the files and links below results/ that the manifest does not list, except logs and records of jobs.
+
+    Args:
+        configured: folders of the configured moorings, calibrations and compasses; None where unknown.
+
+    Returns:
+        By path from the cruise folder: ``FORMER``, unchanged result of what is no longer configured; ``UNLISTED``,
+        of a later job than the manifest; or ``NEW``, as no job wrote it.
+    """
+    known, manifest = listed(read_manifest(root)), root / FILE
+    entries = [path for path in (root / FOLDER).rglob("*") if path.is_symlink() or not path.is_dir()]
+    paths = {path.relative_to(root).as_posix(): path for path in sorted(entries) if path != manifest}
+    of_jobs = {file for file, path in paths.items() if JOB_FILE.fullmatch(file) and not path.is_symlink()}
+    wrote = set[tuple[str, str]]()
+    for path in (paths[file] for file in of_jobs if file.endswith(".json")):
+        with suppress(OSError, ValueError, TypeError, KeyError):  # a damaged record
+            wrote |= set(dict(json.loads(path.read_bytes())["wrote"]).items())
+    folders = None if configured is None else tuple(f"{folder}/" for folder in (*configured, *OF_CRUISE))
+    kinds = dict[str, str]()
+    for file, path in ((file, path) for file, path in paths.items() if file not in known):
+        regular = path.is_file() and not path.is_symlink()
+        as_written = file in of_jobs or (regular and (file, provenance.sha256(path)) in wrote)
+        former = folders is not None and not file.startswith(folders) and len(PurePosixPath(file).parts) > 2
+        if not as_written:
+            kinds[file] = NEW
+        elif former:
+            kinds[file] = FORMER
+        elif file not in of_jobs and not any((folder / "stopped.json").exists() for folder in path.parents):
+            later = folders is None or path.stat().st_mtime > manifest.stat().st_mtime
+            kinds[file] = UNLISTED if later or not OPTIONAL.fullmatch(file) else FORMER
+    return kinds
+
+
+def clear(root: Path, files: Iterable[str]) -> None:
+    """Delete files below results/, and the folders that become empty."""
+    folders = set[PurePosixPath]()
+    for file in files:
+        (root / file).unlink()
+        folders |= {*PurePosixPath(file).parents[:-2]}
+    for folder in sorted(folders, key=lambda each: -len(each.parts)):
+        with suppress(OSError):  # the folder is not empty
+            (root / folder).rmdir()
+
+
+def differences(root: Path, configured: Collection[str] | None) -> list[Difference]:
+    """List differences from the manifest, by file, and results no longer configured, by folder.
+
+    Args:
+        root: folder of the cruise, which is only read.
+        configured: as for ``unlisted_files``.
+    """
+    differ = list[Difference]()
+    for file, known in listed(read_manifest(root)).items():
+        if not (root / file).is_file():
+            differ.append((MISSING, file, ""))
+        elif (now := provenance.sha256(root / file)) != known:
+            differ.append((CHANGED, file, f" (sha256 {now[:12]}, listed {known[:12]})"))
+    kinds, former = unlisted_files(root, configured), Counter[str]()
+    differ += [(kind, file, "") for file, kind in kinds.items() if kind != FORMER]
+    for parts in (PurePosixPath(file).parts[:-1] for file, kind in kinds.items() if kind == FORMER):
+        former["/".join(parts[: 3 if parts[1] in ("calibrations", "compasses", "sites") else 2])] += 1
+    return [*differ, *((FORMER, folder, f", {n} files") for folder, n in sorted(former.items()))]
+
+
+def to_make_again(page: Mapping[str, Any], differ: Iterable[Difference]) -> list[str]:
+    """List results that differ, and one file of each job that read a changed raw file; none for a missing raw file."""
+    outputs = dict[str, None]()
+    for what, file, _ in differ:
+        if what in (CHANGED, MISSING) and file.startswith(f"{FOLDER}/"):
+            outputs[file] = None
+        elif what == CHANGED and file.endswith((".yaml", ".yml")):  # its keys decide what else runs
+            outputs[FILE] = None
+        elif what == CHANGED:
+            outputs |= dict.fromkeys(made_from(page, file))
+    return list(outputs)
+
+
+def read_manifest(root: Path) -> dict[str, Any]:
+    """Read the manifest of a cruise."""
+    page: dict[str, Any] = read_json(root / FILE)
+    try:
+        made_from(page, "")
+        fault = "" if listed(page) else "no file listed"
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        fault = repr(error)
+    if fault:
+        raise InputError(str(root / FILE), "a manifest that lists the files of a run", fault, "make run writes it")
+    return page

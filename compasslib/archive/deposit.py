@@ -13,7 +13,7 @@ import io
 import json
 import shutil
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,9 +22,8 @@ from urllib.parse import quote
 
 from compasslib import __version__
 from compasslib.archive import crate, provenance
-from compasslib.archive.crate import Entity, reference
+from compasslib.archive.crate import Entity, read_manifest, reference, references
 from compasslib.archive.files import atomic_write
-from compasslib.archive.verification import read_manifest
 from compasslib.config.cruise import Cruise, parse, read
 from compasslib.errors import InputError
 from compasslib.readers.files import DAMAGE_ERRORS
@@ -32,10 +31,11 @@ from compasslib.readers.files import DAMAGE_ERRORS
 METADATA, README = "ro-crate-metadata.json", "README.md"
 WORKFLOW_FILE, RUN = "workflow/Snakefile", "#run"
 PROFILES = {
-    "https://w3id.org/ro/wfrun/process/0.5": ("Process Run Crate", "0.5"),
-    "https://w3id.org/ro/wfrun/workflow/0.5": ("Workflow Run Crate", "0.5"),
-    "https://w3id.org/workflowhub/workflow-ro-crate/1.0": ("Workflow RO-Crate", "1.0"),
+    "https://w3id.org/ro/wfrun/process/0.5": "Process Run Crate",
+    "https://w3id.org/ro/wfrun/workflow/0.5": "Workflow Run Crate",
+    "https://w3id.org/workflowhub/workflow-ro-crate/1.0": "Workflow RO-Crate",
 }
+CRATES = ("https://w3id.org/ro/crate/1.1", list(PROFILES)[2])  # to which the description of the deposit conforms
 BIOSCHEMAS = "https://bioschemas.org/profiles/ComputationalWorkflow/1.0-RELEASE"
 # Attributes of config.yaml that only the owner of the data can give, with their meaning.
 OWNERS = {
@@ -59,8 +59,8 @@ CONTEXTUAL: tuple[Entity, ...] = (
     },
     {"@id": BIOSCHEMAS, "@type": "CreativeWork", "name": "Bioschemas ComputationalWorkflow profile"},
     *(
-        {"@id": profile, "@type": "CreativeWork", "name": name, "version": version}
-        for profile, (name, version) in PROFILES.items()
+        {"@id": profile, "@type": "CreativeWork", "name": name, "version": profile.rsplit("/", 1)[1]}
+        for profile, name in PROFILES.items()
     ),
 )
 ABOUT = """# {title}
@@ -94,8 +94,8 @@ def deposit(cruise: Cruise, to: str | Path) -> int:
         raise InputError("config/config.yaml: attributes", expected=expected, found=f"no {missing[0]}", advice=advice)
     page = read_manifest(root)
     listed = crate.listed(page)
-    wheel = pack_wheel()
-    rules = workflow_files() | {crate.LOCK: provenance.RELEASE_FILES / crate.LOCK}
+    wheel, rules = pack_wheel(), workflow_files()
+    rules |= {crate.LOCK: provenance.RELEASE_FILES / crate.LOCK}
     rules |= {path.relative_to(root).as_posix(): path for path in (root / crate.FOLDER).glob("**/logs/*.json")}
     hashed = {name: provenance.sha256(path) for name, path in rules.items()}
     described = compose(page, attributes, hashed | {WHEEL: hashlib.sha256(wheel).hexdigest()}, root)
@@ -135,8 +135,8 @@ def pack_wheel() -> bytes:
     packed = [path for path in provenance.PACKAGE.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
     named = {path.relative_to(provenance.PACKAGE.parent).as_posix(): path for path in packed}
     named |= {f"compasslib/{name}": path for name, path in workflow_files().items()}
-    for name in ("docs/glossary.md", crate.LOCK):
-        named[f"compasslib/workflow/{name}"] = provenance.RELEASE_FILES / name
+    release = ("docs/glossary.md", crate.LOCK)
+    named |= {f"compasslib/workflow/{name}": provenance.RELEASE_FILES / name for name in release}
     contents = {name: path.read_bytes() for name, path in sorted(named.items())}
     info = f"compasslib-{__version__}.dist-info"
     contents |= {
@@ -156,11 +156,7 @@ def pack_wheel() -> bytes:
 
 
 def describe_superseded(file: Path, configuration: Sequence[str], root: Path) -> dict[str, Any]:
-    """Describe the earlier deposit of a mooring: keys of its YAML files that differ, and hashes of its input files.
-
-    Raises:
-        InputError: the file is not a deposit.
-    """
+    """Describe the earlier deposit of a mooring: keys of its YAML files that differ, and hashes of its input files."""
     new = {name: read(root, name) for name in configuration}
     with open_deposit(file, "correct supersedes in config/config.yaml") as packed:
         manifest, there = packed.read(crate.FILE), {*packed.namelist()}
@@ -181,11 +177,7 @@ def describe_superseded(file: Path, configuration: Sequence[str], root: Path) ->
 
 @contextmanager
 def open_deposit(file: str | Path, advice: str) -> Iterator[zipfile.ZipFile]:
-    """Open the ZIP of a deposit; errors of the block are those of its content.
-
-    Raises:
-        InputError: it is not a deposit.
-    """
+    """Open the ZIP of a deposit; errors of the block are those of its content."""
     try:
         with zipfile.ZipFile(file) as packed:
             yield packed
@@ -209,52 +201,49 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], packed: Mapp
         object_hook=lambda x: x | {"@id": names.get(x["@id"], x["@id"])} if "@id" in x else x,
     )
     entities: dict[str, Entity] = {entity["@id"]: entity for entity in graph}
-    author = crate.owners(attributes)["author"]["@id"]
-    run = _describe_run([entity for entity in graph if entity["@type"] == "CreateAction"], author, root)
+    actions = [entity for entity in graph if entity["@type"] == "CreateAction"]
+    last = _date_actions(actions, crate.owners(attributes)["author"]["@id"], root)
     for name, digest in packed.items():
         own = crate.OWN if name.startswith("workflow/") or name == WHEEL else {}
         form = "application/json" if name.endswith(".json") else "application/zip" if name == WHEEL else "text/plain"
         about: Entity = {"@id": quote(name), "@type": "File", "name": name, "sha256": digest, "encodingFormat": form}
         entities[quote(name)] = about | own
-    entities[WORKFLOW_FILE] |= {
+    url = {"url": str(attributes["software_url"])} if "software_url" in attributes else {}
+    entities[WORKFLOW_FILE] |= url | {
         "@type": ["File", "SoftwareSourceCode", "ComputationalWorkflow"], "name": "Correction of compass deviations",
         "programmingLanguage": reference(SNAKEMAKE), "version": provenance.software().split(" ", 1)[1],
         "conformsTo": reference(BIOSCHEMAS),
     }  # fmt: skip
-    if "software_url" in attributes:
-        entities[WORKFLOW_FILE]["url"] = str(attributes["software_url"])
     about = {"name": README, "encodingFormat": "text/markdown", "about": reference("./")}
     entities[README] = {"@id": README, "@type": "File"} | about
     files = [identifier for identifier, entity in entities.items() if "File" in entity["@type"]]
+    made = {item for action in actions for item in crate.identifiers(action, "result")}
+    read = {item for action in actions for item in crate.identifiers(action, "object")} - made
+    run = {
+        "@id": RUN, "@type": "CreateAction", "name": "Run of the workflow", "instrument": reference(WORKFLOW_FILE),
+        "description": "All jobs of the workflow; each has an action of its own", **last,
+        "object": references(sorted(read)), "result": references(sorted(made)),
+    }  # fmt: skip
     entities["./"] |= {
-        "conformsTo": _references(PROFILES), "mainEntity": reference(WORKFLOW_FILE), "hasPart": _references(files),
+        "conformsTo": references(PROFILES), "mainEntity": reference(WORKFLOW_FILE),
+        "hasPart": references(sorted(files)),
         "mentions": [reference(RUN), *entities["./"]["mentions"]],
     }  # fmt: skip
-    entities[METADATA]["conformsTo"] = _references(["https://w3id.org/ro/crate/1.1", list(PROFILES)[2]])
+    entities[METADATA]["conformsTo"] = references(CRATES)
     entities |= {entity["@id"]: entity for entity in (run, *CONTEXTUAL)}
     return {"@context": crate.CONTEXT, "@graph": list(entities.values())}
 
 
-def _describe_run(actions: Sequence[Entity], author: str, root: Path) -> Entity:
-    """Describe the run of the workflow; add agent and end, by the time of its record, to the action of each job."""
+def _date_actions(actions: Sequence[Entity], author: str, root: Path) -> Entity:
+    """Add agent and end, by the time of its record, to the action of each job, and return those of the last one."""
     records = list((root / crate.FOLDER).glob("**/logs/*.json"))
     dates = [datetime.fromtimestamp(path.stat().st_mtime, UTC).isoformat(timespec="seconds") for path in records]
     ends = {f"#{quote(crate.job_name(path.relative_to(root)))}": d for path, d in zip(records, dates, strict=True)}
-    last = max(dates, default=provenance.date_created())
+    last = {"agent": reference(author), "endTime": max(dates, default=provenance.date_created())}
     for action in actions:
-        action |= {"agent": reference(author), "endTime": ends.get(action["@id"], last)}
+        action |= last | {"endTime": ends.get(action["@id"], last["endTime"])}
         action.setdefault("description", f"{action['name']}: stopped")
-    made = {item for action in actions for item in crate.identifiers(action, "result")}
-    read = {item for action in actions for item in crate.identifiers(action, "object")} - made
-    return {
-        "@id": RUN, "@type": "CreateAction", "name": "Run of the workflow", "instrument": reference(WORKFLOW_FILE),
-        "description": "All jobs of the workflow; each has an action of its own", "agent": reference(author),
-        "endTime": last, "object": _references(read), "result": _references(made),
-    }  # fmt: skip
-
-
-def _references(identifiers: Iterable[str]) -> list[Entity]:
-    return [reference(identifier) for identifier in sorted(identifiers)]
+    return last
 
 
 def _entry(name: str) -> zipfile.ZipInfo:

@@ -57,11 +57,7 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
 
 
 def write_json(path: str | Path, data: object) -> None:
-    """Write JSON with keys in the given order, floats to ten significant digits and non-finite numbers as null.
-
-    Args:
-        data: nested mappings, sequences, arrays, numbers, text, paths or None.
-    """
+    """Write JSON with keys in the given order, floats to ten significant digits and non-finite numbers as null."""
     text = json.dumps(_jsonable(data), indent=1, ensure_ascii=False, allow_nan=False)
     with atomic_write(path) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
@@ -240,12 +236,7 @@ class StoredVariable:
 
 
 def read_variable(nc: netCDF4.Dataset, name: str, rows: slice | None = None, bins: int | None = None) -> NDArray[Any]:
-    """Read a variable: floats as float64 with NaN where they are missing, other types unchanged.
-
-    Args:
-        rows: rows to read; None for all.
-        bins: number of bins to read of a variable that has bins; None for all.
-    """
+    """Read some rows and the first bins of a variable: floats as float64 with NaN where missing, others unchanged."""
     place = (rows or slice(None), slice(bins)) if bins is not None and nc[name].ndim == 2 else rows or ...
     values = np.asarray(nc[name][place])
     return np.where(values == FILL, np.nan, values.astype(float)) if values.dtype.kind == "f" else values

@@ -5,7 +5,7 @@ Reading raises InputError where a file is missing, damaged or of another kind.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -43,26 +43,25 @@ if TYPE_CHECKING:
     import xarray
 
 
+USUAL_BEAM_DEG = 20.0  # of a profiler whose files do not state the angle
+
+
 def affected_source(
-    name: str, path: str | Path, product: CorrectedRecord, record: Record, flags: Sequence[int], *,
-    usual_beam_deg: float = 20.0,
-) -> Source:  # fmt: skip
+    name: str, path: str | Path, product: CorrectedRecord, record: Record, flags: Sequence[int]
+) -> Source:
     """Return an affected instrument as a source of the grid, its velocities read from corrected.nc on demand.
 
     Args:
         product: content of the same file, without velocities.
         record: the instrument's record, for the beam angle and whether its bins were mapped.
         flags: OceanSITES flags of the velocities to use.
-        usual_beam_deg: beam angle of a profiler whose files do not state it.
     """
-    bins, rising = _bins_and_rising(path)
 
-    def rows(which: slice) -> Velocities:
-        east, north, depth, quality, up = _read_rows(path, ("UCUR", "VCUR", "DEPTH", "UCUR_QC"), which, rising)
-        return Velocities(np.where(np.isin(quality, flags), east + 1j * north, np.nan), depth, quality, up)
+    def settle(which: slice, east: Floats, north: Floats, quality: Flags, depth: Floats) -> Velocities:
+        return Velocities(np.where(np.isin(quality, flags), east + 1j * north, np.nan), depth, quality)
 
-    samples, beam_deg = product.record, record.beam_angle_deg or usual_beam_deg
-    return Source(name, samples.time_s, samples.depth_m, _tilt(samples, record), bins, beam_deg, rows, rising)
+    names = ("UCUR", "VCUR", "UCUR_QC", "DEPTH")
+    return _source(name, path, names, product.record, record, settle, record.beam_angle_deg or USUAL_BEAM_DEG)
 
 
 def reference_source(
@@ -74,40 +73,38 @@ def reference_source(
     Args:
         slowed: begin and end, UTC seconds, of periods in which its rotor was fouled: probably good at best.
     """
-    bins, rising = _bins_and_rising(path)
-    names = [variables.RECORD[key].name for key in ("east", "north", "bin_range_m", "quality")]
 
-    def rows(which: slice) -> Velocities:
-        east, north, range_m, quality, up = _read_rows(path, names, which, rising)
-        doubtful = np.any([(record.time_s[which] >= a) & (record.time_s[which] <= b) for a, b in slowed], axis=0)
+    def settle(which: slice, east: Floats, north: Floats, quality: Flags, range_m: Floats) -> Velocities:
+        time_s = record.time_s[which]
+        doubtful = np.any([(time_s >= a) & (time_s <= b) for a, b in slowed], axis=0)
         quality = np.maximum(quality, np.where(doubtful, PROBABLY_GOOD, GOOD)[..., None])
         if record.direction_reference != "true":
-            east, north = angles.turn(east, north, earthfield.declination_at(field, record.time_s[which])[:, None])
+            east, north = angles.turn(east, north, earthfield.declination_at(field, time_s)[:, None])
         depth = record.depth_m[which][:, None] + (-1.0 if record.looks_up else 1.0) * range_m
-        return Velocities(np.where(np.isin(quality, flags), east + 1j * north, np.nan), depth, quality, up)
+        return Velocities(np.where(np.isin(quality, flags), east + 1j * north, np.nan), depth, quality)
 
-    return Source(
-        name, record.time_s, record.depth_m, _tilt(record, record), bins, record.beam_angle_deg, rows, rising,
-        tuple(slowed),
-    )  # fmt: skip
-
-
-def _tilt(samples: Record, setup: Record) -> Floats:
-    """Compute the tilt that puts a bin at different depths in the beams, (n,) degrees; 0 where bins were mapped."""
-    return np.zeros(len(samples.time_s)) if setup.bins_mapped else np.hypot(samples.pitch_deg, samples.roll_deg)
+    names = [variables.RECORD[key].name for key in ("east", "north", "quality", "bin_range_m")]
+    made = _source(name, path, names, record, record, settle, record.beam_angle_deg)
+    return replace(made, slowed=tuple(slowed))
 
 
-def _bins_and_rising(path: str | Path) -> tuple[int, bool]:
-    """Return the number of bins, and whether vertical velocities were measured."""
+def _source(
+    name: str, path: str | Path, names: Sequence[str], samples: Record, setup: Record,
+    settle: Callable[..., Velocities], beam_angle_deg: float,
+) -> Source:  # fmt: skip
+    """Return a source whose rows of the variables are read on demand, and settled with the slice of the samples."""
     with open_netcdf(path) as nc:
-        return len(nc.dimensions["BIN"]), "WCUR" in nc.variables
+        bins, rising = len(nc.dimensions["BIN"]), "WCUR" in nc.variables
 
+    def rows(which: slice) -> Velocities:
+        with open_netcdf(path) as nc:
+            velocities = settle(which, *(read_variable(nc, key, which) for key in names))
+            return replace(velocities, up=read_variable(nc, "WCUR", which)) if rising else velocities
 
-def _read_rows(path: str | Path, names: Sequence[str], which: slice, rising: bool) -> list[Any]:
-    """Read some rows of several variables, and of the vertical velocity, None where it was not measured."""
-    with open_netcdf(path) as nc:
-        columns: list[Any] = [read_variable(nc, name, which) for name in names]
-        return [*columns, read_variable(nc, "WCUR", which) if rising else None]
+    # The tilt puts a bin at different depths in the beams, unless bins were mapped.
+    level = np.zeros(len(samples.time_s))
+    tilt_deg = level if setup.bins_mapped else np.hypot(samples.pitch_deg, samples.roll_deg)
+    return Source(name, samples.time_s, samples.depth_m, tilt_deg, bins, beam_angle_deg, rows, rising)
 
 
 @dataclass(frozen=True)
@@ -130,8 +127,7 @@ class FileDescription:
             self.site, time_s=time_s, depth_m=depth_m, headings=self.headings, attributes=self.attributes,
             processing=self.processing,
         )  # fmt: skip
-        means = "daily means of " if kind.endswith("daily") else ""
-        name = self.site.name
+        means, name = "daily means of " if kind.endswith("daily") else "", self.site.name
         written = {
             **spanned,
             "title": f"Currents of mooring {name} on fixed depths: {means}corrected and reference velocities",
@@ -148,8 +144,8 @@ class FileDescription:
         if "history" in spanned:
             step = f"{means}velocities put on fixed depths and times by {spanned['software_version']}"
             written["history"] = f"{spanned['history']}\n{spanned['date_created']}: {step}"
-        declination_deg = earthfield.declination_at(self.field, time_s) if self.field else None
-        turned = {} if declination_deg is None else declination_attributes(spanned, time_s, declination_deg)
+        declination = None if self.field is None else earthfield.declination_at(self.field, time_s)
+        turned = {} if declination is None else declination_attributes(spanned, time_s, declination)
         return {**written, **self.also}, turned
 
 
@@ -279,14 +275,11 @@ class SectionMeans:
     reference_share: Floats  # (z,) fraction of the values that are from references; NaN without values
 
 
-def read_section(path: str | Path, columns: int = 400, *, often: float = 0.9) -> SectionMeans:
-    """Average gridded.nc over at most ``columns`` equal intervals of time.
+OFTEN = 0.9  # share of the fullest depth's times: the mean of a depth reached in strong currents only is biased
 
-    Args:
-        columns: by default, as many as a printed column shows.
-        often: least share of the fullest depth's times, as the mean of a depth reached in strong currents only is
-            biased.
-    """
+
+def read_section(path: str | Path, columns: int = 400) -> SectionMeans:
+    """Average gridded.nc over at most ``columns`` equal intervals of time, by default as many as a print shows."""
     with open_netcdf(path) as nc:
         time_s, depth_m = seconds_since_1970(read_variable(nc, "TIME")), read_variable(nc, "DEPTH")
         modes, share = (np.nan_to_num(read_variable(nc, f"HEADING_ERROR_{name}")) for name in ("MODE", "SHARE"))
@@ -311,7 +304,7 @@ def read_section(path: str | Path, columns: int = 400, *, often: float = 0.9) ->
                 moment += [total[k], (np.abs(velocity) ** 2).sum(axis=0), (velocity**2).sum(axis=0)]
             by_mode += np.einsum("tz,kt,tzk->kz", flow, modes[:, rows], share[np.maximum(source - 1, 0)])
     total = number.sum(axis=0)
-    safe = np.where((total > 0) & (total >= often * total.max(initial=0.0)), total, np.nan)
+    safe = np.where((total > 0) & (total >= OFTEN * total.max(initial=0.0)), total, np.nan)
     sigma2 = share[0] ** 2 @ modes**2 + random[0] ** 2
     known = [span[np.isfinite(span)] for span in (sigma2[k * each : (k + 1) * each] for k in range(count))]
     with np.errstate(invalid="ignore", divide="ignore"):

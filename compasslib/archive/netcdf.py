@@ -141,10 +141,7 @@ def read_sources(paths: Iterable[str | Path]) -> dict[str, str]:
 
 
 def read_applied_declinations(paths: Iterable[str | Path]) -> dict[str, float]:
-    """Read the declination removed from each record, separately for headings and velocities where they differ.
-
-    Degrees, east positive.
-    """
+    """Read the declination removed from each record, degrees, of headings and of velocities where they differ."""
     applied: dict[str, float] = {}
     for path in map(Path, paths):
         heading, velocity = (read_notes(path, f"{part}_bias_deg") for part in ("heading", "velocity"))
@@ -314,13 +311,10 @@ _RECORDED = {
 
 
 def read_corrected(path: str | Path, *, velocities: bool = True) -> CorrectedRecord:
-    """Read a product written by ``write_corrected``, as far as figures need it.
+    """Read a product written by ``write_corrected``, as far as figures need it; without ``velocities``, without bins.
 
     Its ``record`` has no supply voltage, profiles, counts or warnings, and its velocities are those by the recorded
     heading, relative to true north.
-
-    Args:
-        velocities: whether to read the bins; otherwise the product has none.
     """
     bins = None if velocities else 0
     with open_netcdf(path) as nc:
@@ -339,16 +333,11 @@ def read_corrected(path: str | Path, *, velocities: bool = True) -> CorrectedRec
 
 
 def open_product(path: str | Path) -> CorrectedRecord:
-    """Load a product into memory; its ``to_xarray()`` loads the whole file into a dataset.
-
-    Args:
-        path: a corrected.nc, or the folder of a mooring's results.
-    """
+    """Load a corrected.nc, or that of a folder of results; its ``to_xarray()`` loads the whole file into a dataset."""
     path = Path(path) / "corrected.nc" if Path(path).is_dir() else Path(path)
     with open_netcdf(path) as nc:
         if "HEADING_ERROR_MODE" in nc.variables:
-            advice = "open it by compasslib.open_gridded"
-            raise InputError(str(path), expected="corrected.nc", found="gridded velocities", advice=advice)
+            raise InputError(str(path), "corrected.nc", "gridded velocities", "open it by compasslib.open_gridded")
     return replace(read_corrected(path), path=str(path))
 
 

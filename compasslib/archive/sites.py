@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -36,26 +35,13 @@ class _Deployment:
     modes: list[str]
     memory_h: tuple[float, float]  # of the random error of headings, and of other errors
     number: NDArray[np.intp]  # number in the joined file of each value of SOURCE
-    top_m: float = 0.0  # first depth of the joined file
+    days: NDArray[np.intp]  # since 1950
+    levels: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))  # depths in the joined file
 
-    @cached_property
+    @property
     def affected(self) -> int:
         """Number of affected instruments."""
         return len(self.values["HEADING_ERROR_RANDOM"])
-
-    @cached_property
-    def step_m(self) -> float:
-        return float(np.ptp(self.values["DEPTH_bnds"][-1]))
-
-    @cached_property
-    def days(self) -> NDArray[np.intp]:
-        """Days since 1950."""
-        return np.floor(self.values["TIME"]).astype(int)
-
-    @cached_property
-    def levels(self) -> NDArray[np.intp]:
-        """Index of each depth in the joined file."""
-        return np.rint((self.values["DEPTH"] - self.top_m) / self.step_m).astype(int)
 
 
 def _read(name: str, path: str | Path) -> _Deployment:
@@ -65,10 +51,9 @@ def _read(name: str, path: str | Path) -> _Deployment:
         memory_h = float(nc["HEADING_ERROR_RANDOM"].memory_hours), float(nc["UCUR_UNCERTAINTY"].error_memory_hours)
         attributes = {key: nc.getncattr(key) for key in nc.ncattrs()}
         modes = nc["HEADING_ERROR_MODE"].mode_names.split(", ")
-    for key in ("HEADING_ERROR_RANDOM", "HEADING_CORRECTION"):
-        values[key] = np.atleast_2d(values[key])
-    number = np.zeros(len(instruments) + 1, dtype=np.intp)
-    return _Deployment(name, values, attributes, instruments, modes, memory_h, number)
+    values |= {key: np.atleast_2d(values[key]) for key in ("HEADING_ERROR_RANDOM", "HEADING_CORRECTION")}
+    number, days = np.zeros(len(instruments) + 1, dtype=np.intp), np.floor(values["TIME"]).astype(np.intp)
+    return _Deployment(name, values, attributes, instruments, modes, memory_h, number, days)
 
 
 def join_daily(
@@ -84,29 +69,23 @@ def join_daily(
         attributes: global attributes from the YAML files.
 
     Raises:
-        InputError: depths of two deployments are not on one axis.
+        InputError: no deployment has any.
     """
     each = [made for name, file in deployments.items() if (made := _read(name, file)).values["TIME"].size]
     if not each:
-        advice = "look at the reports of its moorings"
-        raise InputError(f"site {site}", expected="daily means of a deployment", found="none", advice=advice)
+        raise InputError(f"site {site}", "daily means of a deployment", "none", "look at the reports of its moorings")
     first, top_m = each[0], min(float(d.values["DEPTH"][0]) for d in each)
-    for d in each:
-        d.top_m = top_m
-        level = (d.values["DEPTH"][0] - top_m) / first.step_m
-        if abs(d.step_m - first.step_m) > 1e-6 or abs(level - round(level)) > 1e-3:
-            expected, actual = (f"{x.step_m:g} m apart from {x.values['DEPTH'][0]:g} m" for x in (first, d))
-            expected = f"depths on the axis of {first.name}, {expected}"
-            advice = "write the same product: {grid: {step_m: ..., from_m: ...}} for all"
-            raise InputError(f"site {site}: {d.name}", expected=expected, found=actual, advice=advice)
+    step_m = float(np.ptp(first.values["DEPTH_bnds"][-1]))
+    for d in each:  # the configuration has one axis for all deployments of a site
+        d.levels = np.rint((d.values["DEPTH"] - top_m) / step_m).astype(np.intp)
     # Affected instruments of all deployments are numbered first.
     order = [(d, k) for d in each for k in range(d.affected)]
     order += [(d, k) for d in each for k in range(d.affected, len(d.instruments))]
     for number, (d, k) in enumerate(order, 1):
         d.number[k + 1] = number
     days = np.arange(min(d.days[0] for d in each), max(d.days[-1] for d in each) + 1)
-    depth_m = top_m + first.step_m * np.arange(max(d.levels[-1] for d in each) + 1)
-    axes = Axes(seconds_since_1970(days + 0.5), DAY_S, depth_m, first.step_m)
+    depth_m = top_m + step_m * np.arange(max(d.levels[-1] for d in each) + 1)
+    axes = Axes(seconds_since_1970(days + 0.5), DAY_S, depth_m, step_m)
     seams = [_describe_seam(*pair) for pair in pairwise(each)]
     errors, turned, shrinkage = _join_headings(each, days)
     with gridded.create_gridded(

@@ -133,6 +133,7 @@ def read_histograms(path: str | Path) -> dict[str, NDArray[np.int_]]:
 AVERAGING_HOURS = (1, 6, 24, 48, 120, 240, 720, 2400)  # possible averaging intervals
 MAX_MEANS, MAX_STICKS = 420, 70
 GAP = complex(np.nan, np.nan)
+USUAL, UNBROKEN_DAYS = 0.9, 15.0
 
 
 @dataclass(frozen=True)
@@ -161,12 +162,12 @@ class BinCurrents:
         return recorded, corrected
 
 
-def read_bin_currents(path: str | Path, *, share: float = 0.9) -> BinCurrents:
-    """Read the current of the nearest bin that has at least ``share`` of the samples of the fullest bin."""
+def read_bin_currents(path: str | Path) -> BinCurrents:
+    """Read the current of the nearest bin that has at least ``USUAL`` of the samples of the fullest bin."""
     with open_netcdf(path) as nc:
         time_s = seconds_since_1970(read_variable(nc, "TIME"))
         count = np.sum(read_variable(nc, "UCUR_RECORDED_QC") < BAD, axis=0)
-        shown = int(np.argmax(count >= share * count.max()))
+        shown = int(np.argmax(count >= USUAL * count.max()))
         flows = []
         for end in ("_RECORDED", ""):
             names = (f"UCUR{end}", f"VCUR{end}", f"UCUR{end}_QC")
@@ -187,12 +188,11 @@ class DepthSeries:
     velocity: dict[str, Complexes]  # (t,) by the same names; NaN where there is none
 
 
-def read_depth_series(path: str | Path, *, unbroken_days: float = 15.0, share: float = 0.9) -> DepthSeries:
+def read_depth_series(path: str | Path) -> DepthSeries:
     """Read from gridded.nc the currents of the affected instrument, before and after, and of the reference.
 
-    Args:
-        unbroken_days: length of the periods without a gap. Of the depths with ``share`` as many of them as any, that
-            with most values is taken, for the reference the one nearest to it.
+    Of the depths with ``USUAL`` as many unbroken periods as any, that with most values is taken, for the reference the
+    one nearest to it.
     """
     depths, flows = dict[str, float](), dict[str, Complexes]()
     with open_netcdf(path) as nc:
@@ -202,9 +202,9 @@ def read_depth_series(path: str | Path, *, unbroken_days: float = 15.0, share: f
         for name in ("corrected", "reference"):
             there = (source > 0) & (source <= len(turned)) if name == "corrected" else source > len(turned)
             missing = np.pad(np.cumsum(~there, axis=0), ((1, 0), (0, 0)))
-            length = min(int(unbroken_days * DAY_S / step_s), len(there))
+            length = min(int(UNBROKEN_DAYS * DAY_S / step_s), len(there))
             unbroken = np.sum(missing[length:] == missing[: len(missing) - length], axis=0)
-            usual = np.flatnonzero(unbroken >= share * unbroken.max())
+            usual = np.flatnonzero(unbroken >= USUAL * unbroken.max())
             level = int(usual[np.argmax(there.sum(axis=0)[usual])])
             if name == "reference" and "corrected" in depths:
                 level = int(usual[np.argmin(np.abs(depth_m[usual] - depths["corrected"]))])

@@ -15,18 +15,24 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 from compasslib import __version__
 from compasslib.errors import InputError
 
 FORMS = ("csv", "mat", "parquet", "zarr", "pd0", "oceansites", "erddap", "rocrate")  # formats of compass export
-MODULES = {"correct": "check", "explain": "results", "verify": "results"}  # of commands that share a module
-AS_WRITTEN = argparse.RawDescriptionHelpFormatter
+MODULES = {  # of commands that share a module
+    **{"correct": "compasslib.cli.check", "run": "compasslib.cli"},
+    **{"explain": "compasslib.cli.results", "verify": "compasslib.cli.results"},
+}
+WITHOUT_LOCK = re.compile(r"--unlock|--nolock|--dry-?run|-[a-zA-Z]*n[a-zA-Z]*")  # options of Snakemake
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -42,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         signal.signal(number, signal.default_int_handler)  # handled like Ctrl-C, so that no incomplete file is left
     sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr]  # for terminals without a degree sign
     try:
-        module = import_module(f"compasslib.cli.{MODULES.get(asked.command, asked.command)}")
+        module = import_module(MODULES.get(asked.command, f"compasslib.cli.{asked.command}"))
         status: int = getattr(module, asked.command)(asked)
         sys.stdout.flush()
     except BrokenPipeError:  # the reader of a pipe has exited, as in ``compass explain M1 | head``
@@ -59,11 +65,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return status
 
 
+def run(asked: argparse.Namespace) -> int:
+    """Start Snakemake on a cruise, in place of this process."""
+    from compasslib.archive import provenance
+
+    if find_spec("snakemake") is None:
+        advice = "pip install 'compasslib[workflow]', or make install in a checkout"
+        raise InputError("compass run", expected="Snakemake", found="none in this environment", advice=advice)
+    require_folder(asked.cruise)
+    options, locked = list(asked.options), any(Path(asked.cruise).glob(".snakemake/locks/*.lock"))
+    if locked and not any(map(WITHOUT_LOCK.fullmatch, options)):
+        advice = f"wait until it has ended; if it was killed: compass run {asked.cruise} -- --unlock"
+        raise InputError(asked.cruise, expected="one run at a time", found="the lock of another", advice=advice)
+    profile, snakefile = provenance.WORKFLOW / "profiles" / asked.profile, provenance.WORKFLOW / "Snakefile"
+    cores = asked.cores or ("all" if asked.profile == "default" else None)
+    command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", str(snakefile), "--directory", asked.cruise]
+    command += ["--workflow-profile", str(profile), *(["--cores", cores] if cores else [])]
+    os.execv(sys.executable, [*command, *(["--", *options] if options and options[0][:1] != "-" else options)])
+
+
 def require_folder(cruise: str) -> None:
     """Raise InputError if the folder of a cruise does not exist."""
     if not os.path.isdir(cruise):
-        advice = "name the folder of a cruise"
-        raise InputError(cruise, expected="a cruise folder", found="no such folder", advice=advice)
+        raise InputError(cruise, "a cruise folder", "no such folder", "name the folder of a cruise")
 
 
 def _failed(line: str, status: int = 1) -> int:
@@ -75,78 +99,65 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser("compass", description="Compass deviation of moored current records.")
     parser.add_argument("--version", action="version", version=f"compass {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    folder: dict[str, Any] = {"default": ".", "metavar": "CRUISE", "help": "cruise folder (default: this one)"}
 
-    check = _command(commands, "check", "validate configuration and input files without processing", "my_cruise")
-    check.add_argument("cruise", metavar="CRUISE", nargs="?", default=".", help="cruise folder (default: this one)")
+    def command(name: str, what: str, example: str) -> argparse.ArgumentParser:
+        epilog = f"example:\n  compass {name} {example}"
+        made: argparse.ArgumentParser = commands.add_parser(
+            name, help=what, description=what, epilog=epilog, formatter_class=argparse.RawDescriptionHelpFormatter
+        )
+        return made
 
-    init = _command(
-        commands,
-        "init",
-        "draft configuration files from instrument exports",
-        "exports/EG4 --into my_cruise --latitude 65.33 --longitude -32.96 --water-depth 894",
-    )
+    check = command("check", "validate configuration and input files without processing", "my_cruise")
+    check.add_argument("cruise", nargs="?", **folder)
+
+    example = "exports/EG4 --into my_cruise --latitude 65.33 --longitude -32.96 --water-depth 894"
+    init = command("init", "draft configuration files from instrument exports", example)
     init.add_argument("files", metavar="FILE", nargs="+", help="exports, or folders of them; one folder a mooring")
-    init.add_argument("--into", default=".", metavar="CRUISE", help="cruise folder (default: this one)")
+    init.add_argument("--into", **folder)
     init.add_argument("--name", help="all instruments are of this mooring (default: one mooring a folder)")
     init.add_argument("--latitude", type=float, help="degrees north")
     init.add_argument("--longitude", type=float, help="degrees east, west negative")
     init.add_argument("--water-depth", type=float, help="m")
 
-    correct = _command(
-        commands, "correct", "correct one mooring in this process, without Snakemake", "EG4 --cruise my_cruise"
-    )
+    what = "correct one mooring in this process, without Snakemake"
+    correct = command("correct", what, "EG4 --cruise my_cruise")
     correct.add_argument("mooring", metavar="MOORING", help="its name")
-    correct.add_argument("--cruise", default=".", help="cruise folder (default: this one)")
-    correct.add_argument(
-        "--into", metavar="FOLDER", help="new folder of its results (default: CRUISE/corrected/MOORING)"
-    )
+    correct.add_argument("--cruise", **folder)
+    into = "new folder of its results (default: CRUISE/corrected/MOORING)"
+    correct.add_argument("--into", metavar="FOLDER", help=into)
 
-    run = _command(commands, "run", "process a cruise: missing, changed or damaged results", "my_cruise --cores 4")
-    run.add_argument("cruise", metavar="CRUISE", nargs="?", default=".", help="cruise folder (default: this one)")
+    run = command("run", "process a cruise: missing, changed or damaged results", "my_cruise --cores 4")
+    run.add_argument("cruise", nargs="?", **folder)
     run.add_argument("--cores", metavar="N", help="number of parallel jobs (default: all cores)")
-    run.add_argument(
-        "--profile", default="default", metavar="NAME", help="of workflow/profiles: default, slurm or storage"
-    )
+    profiles = "of workflow/profiles: default, slurm or storage"
+    run.add_argument("--profile", default="default", metavar="NAME", help=profiles)
     run.epilog = f"{run.epilog}\n  compass run my_cruise -- --dry-run      after --, options of Snakemake, or files"
 
     what = "print the diagnosis of a mooring, calibration or shared compass"
-    explain = _command(commands, "explain", what, "EG4 --cruise my_cruise")
+    explain = command("explain", what, "EG4 --cruise my_cruise")
     explain.add_argument("mooring", metavar="NAME", help="its name, or the folder of its results")
-    explain.add_argument("--cruise", default=".", help="cruise folder (default: this one)")
+    explain.add_argument("--cruise", **folder)
 
-    export = _command(
-        commands,
-        "export",
-        "export a product in the form that another program reads, or the cruise as a research object crate",
-        "EG4 --cruise my_cruise --to pd0 --into to_deposit",
-    )
+    what = "export a product in the form that another program reads, or the cruise as a research object crate"
+    export = command("export", what, "EG4 --cruise my_cruise --to pd0 --into to_deposit")
     export.add_argument("mooring", metavar="MOORING", nargs="?", help="its name; none with rocrate")
-    export.add_argument("--cruise", default=".", help="cruise folder (default: this one)")
-    export.add_argument(
-        "--to",
-        required=True,
-        choices=FORMS,
-        help="csv, parquet: one row per sample and bin; mat: MATLAB structures; zarr: corrected.nc as Zarr; pd0: the "
-        "raw file with corrected headings; oceansites: corrected.nc under its OceanSITES name; erddap: gridded.nc by "
-        "time and depth alone; rocrate: the whole cruise as one ZIP to deposit",
+    export.add_argument("--cruise", **folder)
+    forms = (
+        "csv, parquet: one row per sample and bin; mat: MATLAB structures; zarr: corrected.nc as Zarr; pd0: the raw "
+        "file with corrected headings; oceansites: corrected.nc under its OceanSITES name; erddap: gridded.nc by time "
+        "and depth alone; rocrate: the whole cruise as one ZIP to deposit"
     )
+    export.add_argument("--to", required=True, choices=FORMS, help=forms)
     export.add_argument("--into", metavar="FOLDER", help="folder of the files (default: CRUISE/export)")
 
-    diff = _command(commands, "diff", "compare the results of two runs by mooring", "results_before my_cruise")
-    for place in ("old", "new"):
-        diff.add_argument(
-            place, metavar=place.upper(), help="cruise, its deposit (ZIP), folder of results, or of one mooring's"
-        )
+    diff = command("diff", "compare the results of two runs by mooring", "results_before my_cruise")
+    place = "cruise, its deposit (ZIP), folder of results, or of one mooring's"
+    diff.add_argument("old", metavar="OLD", help=place)
+    diff.add_argument("new", metavar="NEW", help=place)
 
-    verify = _command(commands, "verify", "verify results against their manifest", "my_cruise")
-    verify.add_argument("cruise", metavar="CRUISE", nargs="?", default=".", help="cruise folder (default: this one)")
+    verify = command("verify", "verify results against their manifest", "my_cruise")
+    verify.add_argument("cruise", nargs="?", **folder)
     verify.add_argument("--clear", action="store_true", help="list results that are no longer configured instead")
     verify.add_argument("--yes", action="store_true", help="with --clear: remove them")
     return parser
-
-
-def _command(commands: Any, name: str, what: str, example: str) -> argparse.ArgumentParser:
-    made: argparse.ArgumentParser = commands.add_parser(
-        name, help=what, description=what, epilog=f"example:\n  compass {name} {example}", formatter_class=AS_WRITTEN
-    )
-    return made

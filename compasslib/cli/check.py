@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import chdir
+from contextlib import chdir, contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +19,9 @@ import numpy as np
 from compasslib import angles, calibrations, earthfield, readers
 from compasslib.archive.deposit import missing_attributes
 from compasslib.cli.results import align, print_warnings, split_warnings
-from compasslib.config import compasses
 from compasslib.config import cruise as config
 from compasslib.config.cruise import CALIBRATIONS, Cruise
-from compasslib.config.schema import Covariate, Instrument
+from compasslib.config.schema import Covariate, Instrument, Mooring
 from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.pipeline.process import process_mooring
@@ -28,9 +29,15 @@ from compasslib.preparation.pairs import PairRules, find_pairs, match_ready_pair
 from compasslib.readers import iaga2002, table
 from compasslib.readers.matlab import PAIR_ROLES, read_ready_pairs
 from compasslib.readers.pd0 import match_serial_number
-from compasslib.records import BAD, Record
+from compasslib.records import BAD, Pairs, Record
 from compasslib.stages import read
-from compasslib.stages.settings import Calibrations, Moorings, check_cruise, used_instruments
+from compasslib.stages.settings import (
+    Calibrations,
+    Moorings,
+    check_cruise,
+    stated_serial_number,
+    used_instruments,
+)
 from compasslib.types import DAY_S, HOUR_S, Floats
 
 GAP = 3.0  # in median time steps: a longer step between two samples is a gap
@@ -48,7 +55,16 @@ class Inspection:
     problems: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     usable: bool = True  # whether a run can process it
-    serials: dict[str, str] = field(default_factory=dict)  # serial numbers stated by the files, by instrument
+    serials: dict[str, str] = field(default_factory=dict)  # serial numbers, by instrument
+
+    @contextmanager
+    def noting(self, where: str, *, needed: bool = True) -> Iterator[None]:
+        """Note an error of the block as a problem; what is ``needed`` makes the whole unusable."""
+        try:
+            yield
+        except InputError as error:
+            self.problems.append(f"{where}: {error}")
+            self.usable &= not needed
 
 
 def check(asked: Namespace) -> int:
@@ -57,8 +73,8 @@ def check(asked: Namespace) -> int:
     cruise = config.load_cruise(Path(asked.cruise), refuse=refused.append)
     check_cruise(cruise)
     problems = [str(each) for first in refused for each in (first, *first.others)]
-    parts = ((cruise.moorings, _inspect_mooring), (cruise.refused_files, _inspect_parts))
-    jobs = [(job, name) for names, job in (*parts, (cruise.calibrations, _inspect_calibration)) for name in names]
+    jobs = [(_inspect_mooring, name) for name in cruise.moorings] + [(_inspect_parts, f) for f in cruise.refused_files]
+    jobs += [(_inspect_calibration, name) for name in cruise.calibrations]
     if cruise.options.demonstration:
         print("the demonstration's raw files are made by the run: not opened")
         jobs = []
@@ -69,13 +85,12 @@ def check(asked: Namespace) -> int:
             inspections[name] = inspection = future.result()
             print("\n".join(inspection.lines), flush=True)
             problems += inspection.problems
-    if not cruise.options.demonstration:
-        serials = {name: inspection.serials for name, inspection in inspections.items()}
-        problems += compasses.mixed_serials(cruise.moorings, serials)
-    for line in compasses.suggest_shared(cruise.moorings):
+    for line in _suggest_shared(cruise.moorings):
         print(line)
-    if jobs and (absent := missing_attributes(cruise.options.attributes)):
-        print(f"to deposit the results, add to the attributes of config.yaml before the run: {', '.join(absent)}")
+    if jobs:
+        problems += _mixed_serials(cruise.moorings, inspections)
+        if absent := missing_attributes(cruise.options.attributes):
+            print(f"to deposit the results, add to the attributes of config.yaml before the run: {', '.join(absent)}")
     print_warnings([text for inspection in inspections.values() for text in inspection.warnings], sys.stdout)
     for line in problems:
         print(f"error: {line}", file=sys.stderr)
@@ -104,16 +119,13 @@ def _inspect_mooring(inspection: Inspection, name: str, cruise: Cruise) -> None:
     records: dict[str, Record] = {}
     rows = [HEAD]
     for role in (*used, *(other for other in mooring.instruments if other not in used)):
-        try:
-            record = records[role] = read.record_of(
-                rules.raw_files(name, role), **rules.read(name, role) | {"series": {}}
-            )
+        with inspection.noting(f"{name}: {role}", needed=False):
+            settings = rules.read(name, role) | {"series": {}}
+            record = records[role] = read.record_of(rules.raw_files(name, role), **settings)
             part = "reference" if role in mooring.reference else "not used"
             part = "affected" if role == mooring.compromised else part
             rows.append(_row(role, part, mooring.instruments[role], record))
             match_serial_number(f"{name}: {role}", record.serial_number, rules.serial_number(name, role))
-        except InputError as error:
-            inspection.problems.append(f"{name}: {role}: {error}")
     by = f"calibration {' and '.join(fit.name)}" if fit.name else fit.method
     also = "".join(f"; {each} ({covariate.format})" for each, covariate in mooring.covariates.items())
     corrected = mooring.reference or fit.name or fit.file or fit.coefficients
@@ -137,11 +149,9 @@ def _inspect_parts(inspection: Inspection, file: str, cruise: Cruise) -> None:
     rows = [HEAD]
     for name, instrument in instruments.items():
         settings = instrument.model_dump(mode="json", include=instrument.model_fields_set)
-        try:
+        with inspection.noting(f"{file}: instruments.{name}"):
             record = readers.read(instrument.format, [Path(each) for each in instrument.files], settings)
             rows.append(_row(name, "", instrument, record))
-        except InputError as error:
-            inspection.problems.append(f"{file}: instruments.{name}: {error}")
     inspection.lines += [f"{file}: not valid yet", *(f"  {line}" for line in align(rows))]
     _inspect_covariates(inspection, file, series, (-np.inf, np.inf))
     inspection.usable = False
@@ -151,31 +161,23 @@ def _inspect_covariates(
     inspection: Inspection, where: str, series: Mapping[str, Covariate], deployment: tuple[float, float]
 ) -> None:
     for name, covariate in series.items():
-        try:
+        with inspection.noting(f"{where}: covariates.{name}"):
             if covariate.format == "table":
                 time_s = table.read_series(covariate.model_dump(exclude={"format"}))[0]
             else:
                 time_s = iaga2002.read([Path(file) for file in covariate.files]).time_s
             inspection.lines.append(f"  {name}: {covariate.format}, {_plural(len(time_s), 'value')}, {_dates(time_s)}")
-            inside = time_s[0] <= deployment[1] and time_s[-1] >= deployment[0]
-            problem = "" if inside else "no value inside the deployment; correct its files"
-        except InputError as error:
-            problem = str(error)
-        if problem:
-            inspection.problems.append(f"{where}: covariates.{name}: {problem}")
-            inspection.usable = False
+            if time_s[0] > deployment[1] or time_s[-1] < deployment[0]:
+                raise InputError(covariate.files[0], "values inside the deployment", "none", "correct its files")
 
 
 def _inspect_calibration(inspection: Inspection, name: str, cruise: Cruise) -> None:
     rules, file = Calibrations(cruise), f"{CALIBRATIONS}/{name}.yaml"
     settings, raw = rules.calibrate(name), rules.raw_files(name)
-    try:
+    with inspection.noting(file):
         made = calibrations.calibrate(settings["kind"], raw, earthfield.resolve_settings(settings["settings"]))
-    except InputError as error:
-        inspection.problems, inspection.usable = [f"{file}: {error}"], False
-        return
-    inspection.lines = [f"{name}: {settings['kind']}, {_plural(len(raw), 'file')}, {made.n} points"]
-    inspection.problems = [f"{file}: no coefficients: {made.why}"] if made.why else []
+        inspection.lines = [f"{name}: {settings['kind']}, {_plural(len(raw), 'file')}, {made.n} points"]
+        inspection.problems = [f"{file}: no coefficients: {made.why}"] if made.why else []
 
 
 def _row(name: str, part: str, instrument: Instrument, record: Record) -> tuple[str, ...]:
@@ -226,8 +228,8 @@ def _directions(record: Record, inside: AppliedDeclination | None) -> str:
 
 
 def _inspect_pairs(inspection: Inspection, name: str, rules: Moorings, records: Sequence[Record]) -> None:
-    settings = rules.overlap(name)
-    try:
+    settings, by_source = rules.overlap(name), dict[str, Pairs]()
+    with inspection.noting(name):
         along = earthfield.field_along(**settings["place"])
         east = np.quantile(along.declination_deg, [0.0, 1.0])
         inspection.lines.append(f"  declination {east[0]:+.2f} to {east[1]:+.2f} degrees ({along.source})")
@@ -238,14 +240,8 @@ def _inspect_pairs(inspection: Inspection, name: str, rules: Moorings, records: 
             by_source = {ready[0]: match_ready_pairs(rows, columns["scale"], records[0], along)}
         else:
             roles = rules.cruise.moorings[name].reference
-            by_source = {
-                role: find_pairs(records[0], [reference], along, asked)
-                for role, reference in zip(roles, records[1:], strict=True)
-            }
-    except InputError as error:
-        inspection.problems.append(f"{name}: {error}")
-        inspection.usable = False
-        return
+            each = zip(roles, records[1:], strict=True)
+            by_source = {role: find_pairs(records[0], [reference], along, asked) for role, reference in each}
     for source, pairs in by_source.items():
         if len(pairs):
             days, apart = np.ptp(pairs.time_s) / DAY_S, np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m))
@@ -257,6 +253,38 @@ def _inspect_pairs(inspection: Inspection, name: str, rules: Moorings, records: 
             inspection.lines.append(f"  with {source}: no pairs")
             why = "; ".join(pairs.warnings) or "no samples near enough in time and depth"
             inspection.problems.append(f"{name}: no pairs with {source}, so nothing is corrected by it: {why}")
+
+
+def _suggest_shared(moorings: Mapping[str, Mooring]) -> list[str]:
+    """Suggest ``compass`` for each serial number shared by affected instruments of several moorings, one line each."""
+    numbers: dict[str, list[str]] = {}
+    for name, mooring in moorings.items():
+        instrument = mooring.instruments[mooring.compromised]
+        number = stated_serial_number(mooring.attributes | instrument.attributes)
+        if number is not None and instrument.compass is None:
+            numbers.setdefault(number, []).append(name)
+    return [
+        f"{', '.join(names)}: serial number {number} in each; if it is one compass, compass: NAME in each says so"
+        for number, names in numbers.items()
+        if len(names) > 1
+    ]
+
+
+def _mixed_serials(moorings: Mapping[str, Mooring], inspections: Mapping[str, Inspection]) -> list[str]:
+    """Describe each compass whose instruments have different serial numbers, by their files or their attributes."""
+    numbers: dict[str, dict[str, str]] = {}
+    for name, mooring in moorings.items():
+        for role, instrument in mooring.instruments.items():
+            number = inspections[name].serials.get(role) or stated_serial_number(instrument.attributes)
+            if instrument.compass is not None and number:
+                numbers.setdefault(instrument.compass, {})[f"{name} ({role})"] = number
+    return [
+        f"compass {compass}: serial number {first} at {this}, {second} at {other}: two instruments under one name; "
+        "correct compass or files"
+        for compass, places in numbers.items()
+        for (this, first), (other, second) in combinations(places.items(), 2)
+        if not {*map(int, re.findall(r"\d+", first))} & {*map(int, re.findall(r"\d+", second))}
+    ]
 
 
 def _plural(n: int, noun: str) -> str:

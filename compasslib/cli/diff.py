@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.archive import provenance
@@ -35,7 +36,7 @@ EXPECTED_ATTRIBUTES = (
     *("correction_method", "correction_coefficients", "effects"),
 )
 EXPECTED_KEYS = ("model", "coefficients", "covariance", "uncertainty", "software", "date_created")
-Cells = Callable[[Path, Path], tuple[str, ...]]  # cells that compare two folders of results
+Cells = Callable[..., tuple[str, ...]]  # cells that compare two folders of results
 
 
 def diff(asked: Namespace) -> int:
@@ -68,13 +69,12 @@ def _rows(
         old = dict(zip(new, old.values(), strict=True))
     rows: dict[str, tuple[str, ...]] = {}
     for name in sorted({*old, *new}):
-        lacking = ""
-        for side, which in ((new, "NEW"), (old, "OLD")):
-            missing = results.missing_files(side[name], needed) if name in side else []
-            lacking = f"{which} is incomplete: no {missing[0]}" if missing else lacking
-            lacking = lacking if name in side else f"not in {which}"
+        sides = {"OLD": old.get(name), "NEW": new.get(name)}
+        missing = {which: results.missing_files(folder, needed) for which, folder in sides.items() if folder}
+        lacking = [f"not in {which}" for which in sides if which not in missing]
+        lacking += [f"{which} is incomplete: no {files[0]}" for which, files in missing.items() if files]
         if lacking:
-            rows[name] = (lacking,)
+            rows[name] = (lacking[0],)
             continue
         with results.check_version(f"{old[name]} and {new[name]}"):
             cells = compare(old[name], new[name])
@@ -102,11 +102,9 @@ def _software(folder: Path) -> str:
         return str(getattr(nc, "software_version", "software that is not named"))
 
 
-def _compare_moorings(old_folder: Path, new_folder: Path) -> tuple[str, ...]:
-    (old, old_attributes), (new, new_attributes) = _read_product(old_folder), _read_product(new_folder)
-    before, after = (
-        {page: read_json(folder / f"{page}.json") for page in PAGES} for folder in (old_folder, new_folder)
-    )
+def _compare_moorings(*folders: Path) -> tuple[str, ...]:
+    (old, old_attributes), (new, new_attributes) = map(_read_product, folders)
+    before, after = ({page: read_json(folder / f"{page}.json") for page in PAGES} for folder in folders)
     _, here, there = np.intersect1d(old["TIME"], new["TIME"], return_indices=True)
     true = [side["HEADING_CORRECTED"] + side["DECLINATION"] for side in (old, new)]
     turn = angles.difference(true[1][there], true[0][here])
@@ -115,25 +113,16 @@ def _compare_moorings(old_folder: Path, new_folder: Path) -> tuple[str, ...]:
     shares = [words.percent(np.isfinite(heading).mean() if heading.size else 0.0) for heading in true]
     outcome = _outcome(before["diagnosis"], after["diagnosis"])
     fitted = _coefficients(before["deviation"], after["deviation"])
-    names = [name for name in dict.fromkeys([*old, *new]) if not _equal(old.get(name), new.get(name))]
+    names = _unequal(old, new)
     if turned[0] != SAME:  # variables that turn with the heading are left out
         follow = {f"{name}{end}" for name in TURNED for end in ("", "_QC", "_UNCERTAINTY")} - {SIGMA}
         names = [name for name in names if name not in follow]
-    for key in dict.fromkeys([*old_attributes, *new_attributes]):
-        if not _equal(old_attributes.get(key), new_attributes.get(key)):
-            names.append(f"attribute {key}")
+    names += [f"attribute {key}" for key in _unequal(old_attributes, new_attributes)]
     shown = {"assessment": turned[0] == SAME, "diagnosis": {*outcome} == {SAME}, "deviation": fitted == SAME}
     names += [f"{page}.json" for page, alike in shown.items() if alike and before[page] != after[page]]
     sigma = old[SIGMA][here] if SIGMA in old else np.full(turn.shape, np.nan)
-    return (
-        *turned,
-        _change_in_sigmas(np.abs(turn), sigma),
-        _from_to(*shares),
-        _flag_changes(old, new, here, there),
-        *outcome,
-        fitted,
-        ", ".join(names) or SAME,
-    )
+    in_sigmas, flags = _change_in_sigmas(np.abs(turn), sigma), _flag_changes(old, new, here, there)
+    return (*turned, in_sigmas, _from_to(*shares), flags, *outcome, fitted, ", ".join(names) or SAME)
 
 
 def _read_product(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -178,23 +167,23 @@ def _flag_changes(old: Mapping[str, Any], new: Mapping[str, Any], here: Any, the
     return f"{count.sum()} of {len(here)} ({', '.join(listed)})" if count.size else SAME
 
 
-def _equal(entry: Any, other: Any) -> bool:
-    if entry is None or other is None:
-        return False
-    entry, other = np.asarray(entry), np.asarray(other)
-    return entry.shape == other.shape and bool(np.array_equal(entry, other, equal_nan=entry.dtype.kind == "f"))
+def _unequal(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """List the keys of which one side has none, or another value."""
+    both = {key: [np.asarray(side[key]) for side in (old, new) if key in side] for key in (*old, *new)}
+    return [key for key, values in both.items() if len(values) < 2 or not _equal(*values)]
 
 
-def _compare_calibrations(old_folder: Path, new_folder: Path) -> tuple[str, ...]:
-    folders = (old_folder, new_folder)
+def _equal(value: NDArray[Any], other: NDArray[Any]) -> bool:
+    return value.shape == other.shape and np.array_equal(value, other, equal_nan=value.dtype.kind == "f")
+
+
+def _compare_calibrations(*folders: Path) -> tuple[str, ...]:
     old, new = (read_json(folder / "calibration.json") for folder in folders)
     tables = [read_table(folder / "table.csv") for folder in folders]
-    diagnoses = [
-        read_json(file) if (file := folder / "diagnosis.json").is_file() else {"verdict": "none", "findings": []}
-        for folder in folders
-    ]
+    files, none = [folder / "diagnosis.json" for folder in folders], {"verdict": "none", "findings": []}
+    diagnoses = [read_json(file) if file.is_file() else none for file in files]
     outcome = _outcome(*diagnoses)
-    sure = _from_to(*(words.degrees(entry["uncertainty"]["expanded_deg"], 2) for entry in (old, new)))
+    sure = _from_to(*(words.degrees(side["uncertainty"]["expanded_deg"], 2) for side in (old, new)))
     keys = [key for key in dict.fromkeys([*old, *new]) if key not in EXPECTED_KEYS and old.get(key) != new.get(key)]
     keys += ["diagnosis.json"] if {*outcome} == {SAME} and diagnoses[0] != diagnoses[1] else []
     _, here, there = np.intersect1d(tables[0].heading_deg, tables[1].heading_deg, return_indices=True)

@@ -105,23 +105,17 @@ def _export_pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
     rules, role = Moorings(loaded), loaded.moorings[mooring].compromised
     settings = rules.read(mooring, role)
     if (form := settings["form"]) != "pd0":
-        where, advice = f"{mooring}: {role}", "export it to csv, mat or oceansites"
-        raise InputError(where, expected="raw files in PD0", found=form, advice=advice)
-    raw, headings, history = (
-        rules.raw_files(mooring, role),
-        _Headings(source, settings),
-        read_attribute(source, "history"),
-    )
+        raise InputError(f"{mooring}: {role}", "raw files in PD0", form, "export it to csv, mat or oceansites")
+    raw, history = rules.raw_files(mooring, role), read_attribute(source, "history")
     hashes = {file: provenance.sha256(loaded.root / file) for file in raw}
     if other := next((file for file, known in hashes.items() if known not in history), None):
         actual, advice = "one that the results were not made from", "run the cruise again"
         raise InputError(other, expected=f"the raw file behind {source}", found=actual, advice=advice)
     alike = len({Path(file).name for file in raw}) < len(raw)  # numbered where two raw files have the same name
-    stems = [
-        f"{mooring}_{f'{k}_' * alike}{Path(file).stem}_corrected{Path(file).suffix}" for k, file in enumerate(raw, 1)
-    ]
+    names = [f"{f'{k}_' * alike}{Path(file).stem}_corrected{Path(file).suffix}" for k, file in enumerate(raw, 1)]
+    stems = [f"{mooring}_{name}" for name in names]
     files = _available_files(into, *stems, *(f"{stem}.json" for stem in stems))
-    flagged: list[str] = []
+    headings, flagged = _Headings(source, settings), list[str]()
     with ExitStack() as whole:
         halves = [whole.enter_context(atomic_write(file)) for file in files]
         for file, half, note in zip(raw, halves, halves[len(raw) :], strict=False):
@@ -140,7 +134,7 @@ def _export_pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
             write_json(note, described)
             if became.flagged:
                 flagged.append(f"{file}: {became.flagged} ensembles have no corrected heading and were flagged")
-        if lost := headings.unmatched:
+        if lost := int(np.sum(np.isfinite(headings.corrected) & ~headings.found)):
             expected = f"an ensemble for each corrected heading of {source}"
             actual, advice = f"none for {lost}", "clock or reader settings have changed since: run the cruise again"
             raise InputError(", ".join(raw), expected=expected, found=actual, advice=advice)
@@ -153,34 +147,31 @@ class _Headings:
 
     def __init__(self, source: Path, settings: Mapping[str, Any]) -> None:
         """Read the headings; ``settings`` are those with which the raw files were read."""
-        time, self._recorded, self._corrected = read_series(source, "TIME", "HEADING", "HEADING_CORRECTED")
-        self._time_s = seconds_since_1970(time)
-        self._found = np.zeros(len(time), dtype=bool)
-        self._reader, self._deployment = settings["reader"], settings["deployment"]
+        time, self.recorded, self.corrected = read_series(source, "TIME", "HEADING", "HEADING_CORRECTED")
+        self.time_s, self.settings = seconds_since_1970(time), settings
+        self.found = np.zeros(len(time), dtype=bool)  # whether a heading matches an ensemble
 
     def turn(self, leaders: Ensembles, *, same_s: float = 0.001, same_deg: float = 0.006) -> Floats:
         """Compute corrected minus recorded heading of each ensemble, NaN where there is none, (k,) degrees.
 
         An ensemble has the heading of the sample whose time and recorded heading are the same but for rounding.
         """
-        if not len(self._time_s):
+        if not len(self.time_s):
             return np.full(len(leaders.time_s), np.nan)
-        settled, stated = self._deployment, parse_applied_declination(self._reader["declination_applied"])
-        deployed = settled["start_s"], settled["end_s"]
+        reader, settled = self.settings["reader"], self.settings["deployment"]
+        stated, deployed = (
+            parse_applied_declination(reader["declination_applied"]),
+            (settled["start_s"], settled["end_s"]),
+        )
         utc = to_utc(leaders.time_s, deployed, settled["clock_offset_seconds"], settled["clock_drift_seconds"])
-        at = np.minimum(np.searchsorted(self._time_s, utc - same_s), len(self._time_s) - 1)
+        at = np.minimum(np.searchsorted(self.time_s, utc - same_s), len(self.time_s) - 1)
         bias = leaders.heading_bias_deg if stated is None else stated.heading
-        magnetic = leaders.heading_deg - bias + (self._reader["heading_alignment"] or 0.0)
+        magnetic = leaders.heading_deg - bias + (reader["heading_alignment"] or 0.0)
         with np.errstate(invalid="ignore"):
-            same = np.abs(self._time_s[at] - utc) <= same_s
-            same &= np.abs(angles.difference(self._recorded[at], magnetic)) <= same_deg
-        self._found[at[same]] = True
-        return np.where(same, angles.difference(self._corrected[at], self._recorded[at]), np.nan)
-
-    @property
-    def unmatched(self) -> int:
-        """Number of corrected headings that match no ensemble."""
-        return int(np.sum(np.isfinite(self._corrected) & ~self._found))
+            same = np.abs(self.time_s[at] - utc) <= same_s
+            same &= np.abs(angles.difference(self.recorded[at], magnetic)) <= same_deg
+        self.found[at[same]] = True
+        return np.where(same, angles.difference(self.corrected[at], self.recorded[at]), np.nan)
 
 
 # The formats.
@@ -287,8 +278,7 @@ def _needed(module: str) -> Any:
         return import_module(module)
     except ImportError as error:
         package, actual = module.partition(".")[0], "it is not installed"
-        advice = f"pip install {package}"
-        raise InputError("--to", expected=f"the package {package}", found=actual, advice=advice) from error
+        raise InputError("--to", f"the package {package}", actual, f"pip install {package}") from error
 
 
 def _tables(nc: netCDF4.Dataset) -> Iterator[Any]:

@@ -10,13 +10,14 @@ import zipfile
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import chdir, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
-from compasslib.archive import crate, deposit, summary, verification
+from compasslib.archive import crate, deposit, summary
 from compasslib.archive.files import read_json
 from compasslib.cli import require_folder
-from compasslib.config import compasses, cruise
+from compasslib.config import cruise
 from compasslib.config.schema import RESERVED
 from compasslib.errors import InputError
 from compasslib.report import sections, words
@@ -154,8 +155,7 @@ def explain(asked: Namespace) -> int:
     needed = {"calibration": CALIBRATION_FILES, "compass": ("compass.json", "diagnosis.json")}
     what = next((part for part in needed if (folder / f"{part}.json").is_file()), "mooring")
     if files := missing_files(folder, needed.get(what, MOORING_FILES)):
-        actual, advice = f"no {files[0]}", "run the cruise to its end"
-        raise InputError(str(folder), expected=f"all results of a {what}", found=actual, advice=advice)
+        raise InputError(str(folder), f"all results of a {what}", f"no {files[0]}", "run the cruise to its end")
     with check_version(folder):
         if what == "calibration":
             section = sections.calibration_section(read_calibration(name, root), root)
@@ -171,17 +171,8 @@ def explain(asked: Namespace) -> int:
 def _mooring_section(folder: Path) -> ReportSection:
     row = summary.summary_row(folder.name, folder)
     read = read_mooring(row["name"], folder.parent, {name: str(value) for name, value in row.items()})
-    return ReportSection(
-        name=read.name,
-        anchor="",
-        verdict=read.diagnosis["verdict"],
-        summary=sections.summary_sentences(read),
-        use=read.assessment["use"]["answer"],
-        facts=sections.measures(read),
-        findings=sections.report_findings(read.diagnosis, product=True),
-        limits=sections.describe_limits(read.diagnosis),
-        warnings=read.warnings,
-    )
+    limits = sections.describe_limits(read.diagnosis)
+    return replace(sections.mooring_section(read, folder.parent), facts=sections.measures(read), limits=limits)
 
 
 def explanation_lines(section: ReportSection, folder: Path) -> list[str]:
@@ -224,15 +215,15 @@ def verify(asked: Namespace) -> int:
         except InputError as error:  # an archive may lack its raw files
             configured = None
             print(f"cannot list results that are no longer configured: {error}", file=sys.stderr)
-        differ, page = verification.differences(Path(), configured), verification.read_manifest(Path())
+        differ, page = crate.differences(Path(), configured), crate.read_manifest(Path())
     for what, path, details in differ:
         print(f"{what}: {_printable(path)}{details}")
-    if outputs := verification.to_make_again(page, differ):
+    if outputs := crate.to_make_again(page, differ):
         print(f"mend: compass run {shlex.quote(asked.cruise)} -- --forcerun {_printable(shlex.join(outputs))}")
     files = f"{len(crate.listed(page))} files as listed"
     if differ:
         advice = "restore them, or make run again if the change was meant"
-        if any(what == verification.FORMER for what, *_ in differ):
+        if any(what == crate.FORMER for what, *_ in differ):
             advice += "; compass verify --clear shows and removes what is no longer configured"
         raise InputError(crate.FILE, expected=files, found=f"{len(differ)} that differ", advice=advice)
     print(f"{crate.FILE}: {files}")
@@ -240,14 +231,14 @@ def verify(asked: Namespace) -> int:
 
 
 def _clear(*, confirmed: bool) -> int:
-    kinds = verification.unlisted_files(Path(), _configured_folders())
-    former = [file for file, kind in kinds.items() if kind == verification.FORMER]
+    kinds = crate.unlisted_files(Path(), _configured_folders())
+    former = [file for file, kind in kinds.items() if kind == crate.FORMER]
     for file in former:
         print(f"{'removed' if confirmed else 'would be removed'}: {_printable(file)}")
-    for file in (file for file, kind in kinds.items() if kind == verification.NEW):
+    for file in (file for file, kind in kinds.items() if kind == crate.NEW):
         print(f"kept: {_printable(file)}, which no job wrote as it is")
     if confirmed:
-        verification.clear(Path(), former)
+        crate.clear(Path(), former)
     more = "; add --yes to remove them" if former and not confirmed else ""
     print(f"{len(former)} files of what is no longer configured{more}")
     return 0
@@ -259,7 +250,6 @@ def _printable(path: str) -> str:
 
 def _configured_folders() -> list[str]:
     loaded = cruise.load_cruise(Path())
-    joined = compasses.members(loaded.moorings, loaded.calibrations)
-    names = [*loaded.whole, *(f"calibrations/{name}" for name in loaded.calibrations)]
-    names += [*(f"compasses/{name}" for name in joined), *(f"sites/{name}" for name in Moorings(loaded).sites)]
+    others = (("calibrations", loaded.calibrations), ("compasses", loaded.compasses), ("sites", Moorings(loaded).sites))
+    names = [*loaded.whole, *(f"{kind}/{name}" for kind, each in others for name in each)]
     return [f"{crate.FOLDER}/{name}" for name in names]

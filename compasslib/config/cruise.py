@@ -1,11 +1,16 @@
-"""Read and validate a cruise's YAML files as immutable models; a mistake is reported in one line before any work."""
+"""Read and validate a cruise's YAML files as immutable models; a mistake is reported in one line before any work.
+
+``python -m compasslib.config.cruise FOLDER`` writes the JSON schemas of the files; ``make schema`` does so.
+"""
 
 from __future__ import annotations
 
 import graphlib
+import json
 import math
 import os
 import re
+import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -15,17 +20,19 @@ from typing import Any, TypeVar
 
 import yaml
 from pydantic import BaseModel, ValidationError
+from pydantic.json_schema import JsonSchemaMode, models_json_schema
 
-from compasslib.config import compasses
 from compasslib.config.calibrations import MODELS, CalibrationFile, KindKey
 from compasslib.config.schema import Covariate, CruiseOptions, Instrument, Mooring
 from compasslib.config.section import describe
 from compasslib.config.values import DECIDE, NAME, NAME_WORDS, RawFolder, shown
 from compasslib.errors import InputError
+from compasslib.records import iso_time
 
 CONFIG = "config/config.yaml"
 CALIBRATIONS = "config/calibrations"
 Model = TypeVar("Model", bound=BaseModel)
+Stays = dict[str, list[tuple[str, float, float]]]  # where a compass was, from when to when, by the compass
 
 
 @dataclass(frozen=True)
@@ -46,6 +53,18 @@ class Cruise:
         for name in self.moorings:
             names.setdefault(name.partition("/")[0], []).append(name)
         return names
+
+    @cached_property
+    def compasses(self) -> dict[str, tuple[list[str], list[str]]]:
+        """Moorings and calibrations by the name of the (affected) compass, which is never inferred."""
+        members: dict[str, tuple[list[str], list[str]]] = {}
+        for name, mooring in self.moorings.items():
+            if compass := mooring.instruments[mooring.compromised].compass:
+                members.setdefault(compass, ([], []))[0].append(name)
+        for name, calibration in self.calibrations.items():
+            if calibration.compass:
+                members.setdefault(calibration.compass, ([], []))[1].append(name)
+        return dict(sorted(members.items()))
 
 
 def _raise(mistake: InputError) -> None:
@@ -75,20 +94,22 @@ def load_cruise(cruise: Path, *, in_storage: bool = False, refuse: Callable[[Inp
                 if mooring.name.lower() == other.partition("/")[0].lower():
                     alike = " in other letters" * (mooring.name != other)
                     taken = f"{shown(mooring.name)}, which {files[other]} has already{alike}"
-                    where, expected, advice = f"{file}: name", "a name of its own", "rename one of the two"
-                    raise InputError(where, expected=expected, found=taken, advice=advice)
+                    raise InputError(f"{file}: name", "a name of its own", taken, "rename one of the two")
             moorings |= (split := mooring.split())
             files |= dict.fromkeys(split, file)
         except InputError as mistake:
             refuse(mistake)
     calibrations = _calibrations(cruise, place, refuse)
-    stays = compasses.calibration_dates(calibrations)
+    stays: Stays = {}
+    for name, entry in calibrations.items():
+        if entry.compass is not None and entry.date_s is not None:
+            stays.setdefault(entry.compass, []).append((f"calibration {name}", entry.date_s, entry.date_s))
     for file in dict.fromkeys(files.values()):
         names = [name for name in moorings if files[name] == file]
         try:
             for name in names:
                 _check_calibrations(cruise, calibrations, moorings[name].fit.name, file)
-            compasses.refuse_overlap(names[0], moorings[names[0]], file, stays)
+            _check_compasses(names[0], moorings[names[0]], file, stays)
         except InputError as mistake:
             refuse(mistake)
             for name in names:
@@ -166,12 +187,10 @@ def _mooring_files(cruise: Path, moorings: str | Sequence[str]) -> list[str]:
         listed = os.listdir(cruise / moorings) if os.path.isdir(cruise / moorings) else []
         files = sorted(f"{moorings}/{name}" for name in listed if name.endswith((".yaml", ".yml")) and name[0] != ".")
         if not files:
-            expected, actual = "a folder with files NAME.yaml", f"none in {moorings}"
-            raise InputError(where, expected=expected, found=actual, advice=advice)
+            raise InputError(where, "a folder with files NAME.yaml", f"none in {moorings}", advice)
     for file in files:
         if not file.isprintable():
-            expected = "names in UTF-8 without control characters"
-            raise InputError(str(moorings), expected=expected, found=shown(file), advice="rename the file")
+            raise InputError(str(moorings), "names in UTF-8 without control characters", shown(file), "rename the file")
         if not os.path.isfile(cruise / file):
             raise InputError(where, expected="existing mooring files", found=f"no file {file}", advice=advice)
     return files
@@ -182,11 +201,32 @@ def _check_calibrations(cruise: Path, known: dict[str, CalibrationFile], names: 
     for name in names:
         source, where = f"{CALIBRATIONS}/{name}.yaml", f"{file}: fit.name"
         if not os.path.isfile(cruise / source):
-            advice = "write that file or correct the name"
-            raise InputError(where, expected=f"the file {source}", found="none", advice=advice)
+            raise InputError(where, f"the file {source}", "none", "write that file or correct the name")
         if name in known and not known[name].placed:
             expected = f"latitude, longitude and date in {source}, to carry its coefficients to the mooring"
             raise InputError(where, expected=expected, found="none", advice="add them there")
+
+
+def _check_compasses(name: str, mooring: Mooring, file: str, stays: Stays) -> None:
+    """Check that no compass of a mooring was elsewhere at the same time, or calibrated under the mooring's name.
+
+    Args:
+        stays: those checked before; those of the mooring are added.
+    """
+    for role, compass in ((role, each.compass) for role, each in mooring.instruments.items() if each.compass):
+        where = f"{file}: instruments.{role}.compass"
+        for other, begin_s, end_s in stays.setdefault(compass, []):
+            if other == f"calibration {mooring.name}":
+                expected = "another name of the mooring than of the compass's calibration"
+                actual, advice = f"{mooring.name} for both", "rename one of the two"
+                raise InputError(where, expected=expected, found=actual, advice=advice)
+            if begin_s < mooring.end_s and mooring.start_s < end_s:
+                span = " to ".join(dict.fromkeys([iso_time(begin_s), iso_time(end_s)]))
+                own = f"{iso_time(mooring.start_s)} to {iso_time(mooring.end_s)}"
+                advice = "correct the dates, or give one of the two compasses another name"
+                expected, actual = f"a compass that is in one place from {own}", f"{compass} at {other}, {span}"
+                raise InputError(where, expected=expected, found=actual, advice=advice)
+        stays[compass].append((f"{name} ({role})", mooring.start_s, mooring.end_s))
 
 
 def _calibrations(cruise: Path, place: RawFolder, refuse: Callable[[InputError], None]) -> dict[str, CalibrationFile]:
@@ -236,8 +276,6 @@ def _with_options(raw: dict[str, Any], options: CruiseOptions) -> dict[str, Any]
 
 # YAML without aliases, repeated keys and conversions that are mostly mistakes: dates and leading zeros remain text.
 
-LARGEST_BYTES = 1_000_000
-
 
 class _Loader(yaml.SafeLoader):
     """Safe loading without dates, octal and sexagesimal numbers, aliases and repeated keys."""
@@ -285,28 +323,19 @@ def read(root: Path, name: str, example: str = "key: value") -> dict[str, Any]:
     """Read a YAML file as a mapping; dates remain strings.
 
     Raises:
-        InputError: if the file is absent, too large, not UTF-8, not YAML, or not a mapping.
+        InputError: if the file is absent, not UTF-8, not YAML, or not a mapping.
     """
     path = root / name
     if not path.is_file():
-        advice = f"write one, for example with the line {example}"
-        raise InputError(name, expected=f"this file in {root}", found="none", advice=advice)
-    if (size := path.stat().st_size) > LARGEST_BYTES:
-        expected, advice = f"at most {LARGEST_BYTES} bytes", "check that it is the YAML file and not data"
-        raise InputError(name, expected=expected, found=f"{size}", advice=advice)
+        raise InputError(name, f"this file in {root}", "none", f"write one, for example with the line {example}")
     try:
         return parse(path.read_bytes(), name, example)
     except OSError as error:
-        advice = "check its permissions"
-        raise InputError(name, expected="a readable file", found=f"{error.strerror}", advice=advice) from None
+        raise InputError(name, "a readable file", f"{error.strerror}", "check its permissions") from None
 
 
 def parse(data: bytes, name: str, example: str = "key: value") -> dict[str, Any]:
-    """Parse the content of a YAML file as ``read`` does.
-
-    Raises:
-        InputError: as for ``read``.
-    """
+    """Parse the content of a YAML file as ``read`` does."""
     where, text = name, data.decode("utf-8-sig", "replace")
     try:
         data.decode("utf-8-sig")
@@ -326,5 +355,47 @@ def parse(data: bytes, name: str, example: str = "key: value") -> dict[str, Any]
             return content
         actual = "an empty file" if content is None else f"{shown(content)} alone"
         raise InputError(name, expected="keys with values", found=actual, advice=f"write for example {example}")
-    advice = "check encoding, indentation, colons, quotes and brackets"
-    raise InputError(where, expected="YAML in UTF-8", found=actual, advice=advice)
+    raise InputError(where, "YAML in UTF-8", actual, "check encoding, indentation, colons, quotes and brackets")
+
+
+# JSON schemas, generated from the models, for completion and validation of the YAML files in editors.
+
+SCHEMAS = "config/schema"  # their folder in a cruise
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def json_schemas() -> dict[str, str]:
+    """Generate the JSON schemas of config.yaml, of moorings and of calibrations, by name of the schema file."""
+    models: list[type[BaseModel]] = [KindKey, *MODELS.values()]
+    named: list[tuple[type[BaseModel], JsonSchemaMode]] = [(model, "validation") for model in models]
+    _, kinds = models_json_schema(named)
+    by_kind = [
+        {"if": {"properties": {"kind": {"const": kind}}}, "then": {"$ref": f"#/$defs/{model.__name__}"}}
+        for kind, model in MODELS.items()
+    ]
+    known = kinds["$defs"]["KindKey"]["properties"]
+    calibration = {"type": "object", "required": ["kind"], "properties": known, "allOf": by_kind, **kinds}
+    made = {"config": CruiseOptions.model_json_schema(), "mooring": Mooring.model_json_schema()}
+    return {
+        f"{name}.json": json.dumps({"$schema": DIALECT} | _simplify(schema), indent=1, ensure_ascii=False) + "\n"
+        for name, schema in (made | {"calibration": calibration}).items()
+    }
+
+
+def _simplify(schema: Any) -> Any:
+    """Remove advice and examples, which serve error messages only, and uninformative titles and null defaults."""
+    if isinstance(schema, list):
+        return [_simplify(part) for part in schema]
+    if not isinstance(schema, dict):
+        return schema
+    idle = {"advice": schema.get("advice"), "title": schema.get("title"), "default": None, "examples": None}
+    return {
+        key: _simplify(value)
+        for key, value in schema.items()
+        if not (key in idle and (key == "examples" or (value == idle[key] and not isinstance(value, dict))))
+    }
+
+
+if __name__ == "__main__":
+    for file, text in json_schemas().items():
+        Path(sys.argv[1], file).write_text(text, encoding="utf-8")

@@ -16,7 +16,7 @@ from compasslib.config.section import FitOptions, ProductOptions, Section, allow
 from compasslib.config.values import problem, shown
 from compasslib.earthfield import parse_applied_declination
 from compasslib.readers import TABLE_KEYS
-from compasslib.readers.vocabulary import normalize, stated_north
+from compasslib.readers.vocabulary import stated_north
 from compasslib.records import iso_time
 
 TABLES = ("table", "acm_table")
@@ -154,9 +154,8 @@ class Exclusion(Section):
     @model_validator(mode="after")
     def _from_before_to(self) -> Self:
         if self.from_s >= self.to_s:
-            raise problem(
-                "to", f"a time after from, {iso_time(self.from_s)}", iso_time(self.to_s), "correct one of the two"
-            )
+            expected = f"a time after from, {iso_time(self.from_s)}"
+            raise problem("to", expected, iso_time(self.to_s), "correct one of the two")
         return self
 
 
@@ -200,17 +199,6 @@ class Columns(Section):
         """Select the headers or numbers of columns that are given, by role."""
         return {role: header for role, header in self if header is not None and role != "scale"}
 
-    @model_validator(mode="after")
-    def _no_header_twice(self) -> Self:
-        role_of: dict[str | int, str] = {}
-        for role, given in self.headers().items():
-            for header in given if isinstance(given, tuple) else (given,):
-                if header in role_of:
-                    actual = f"{shown(header)}, which {role_of[header]} has already"
-                    raise problem(role, "a column of its own", actual, "correct one of the two")
-                role_of[header] = role
-        return self
-
 
 class TableKeys(Section):
     """Format of a text table; whatever is unambiguous is detected automatically."""
@@ -224,12 +212,6 @@ class TableKeys(Section):
     header: values.Count | None = key("the line of the header (0 for none)", "0", None, ge=0, le=1000)
     comment: values.Text | None = key("the mark at the beginning of lines without data", "'#'", None)
 
-    @model_validator(mode="after")
-    def _header_or_skip_rows(self) -> Self:
-        if self.header and self.skip_rows is not None:
-            raise problem("header", "header or skip_rows", "both", "delete one of the two")
-        return self
-
 
 class FlagMeanings(Section):
     """Meanings of the quality flags of a file that uses no known vocabulary."""
@@ -237,15 +219,6 @@ class FlagMeanings(Section):
     good: values.Missing = key("a list of meanings or values of flags", "[accepted, 1]", ())
     bad: values.Missing = key("a list of meanings or values of flags", "[side_lobe, 4]", ())
     unchecked: values.Missing = key("a list of meanings or values of flags", "[raw, 0]", ())
-
-    @model_validator(mode="after")
-    def _meanings_are_unique(self) -> Self:
-        named = [normalize(item) for _, items in self for item in items]
-        if not named:
-            raise problem(None, "good, bad or unchecked", "none of them", "write for example {bad: [side_lobe]}")
-        if twice := [item for item in named if named.count(item) > 1]:
-            raise problem(None, "each meaning once", f"{shown(twice[0])} twice", "delete one of the two")
-        return self
 
 
 class Instrument(TableKeys):
@@ -290,25 +263,24 @@ class Instrument(TableKeys):
         taken = {*readers.get_format(self.format).keys, *["columns"] * (self.format == "mmp_acm")}
         if given := [name for name in OF_READERS if name in self.model_fields_set and name not in taken]:
             formats = " or ".join(name for name, form in readers.FORMATS.items() if given[0] in form.keys)
-            expected, actual = f"this key only with format {formats}", f"it with format {self.format}"
-            raise problem(given[0], expected, actual, "delete it or correct the format")
+            actual, advice = f"it with format {self.format}", "delete it or correct the format"
+            raise problem(given[0], f"this key only with format {formats}", actual, advice)
+        columns = self.columns or Columns()
         arrays = self.format in ("netcdf", "ocean_contour", "mat")
         for role in ("x", "y", "flag") if arrays else ("range",):
-            if self.columns is not None and getattr(self.columns, role):
+            if getattr(columns, role):
                 expected = f"this role only with {'tables' if arrays else 'formats netcdf and mat'}"
                 raise problem(f"columns.{role}", expected, f"it with format {self.format}", "delete it")
         inside = parse_applied_declination(self.declination_applied)
-        turned = self.format == "mmp_acm" or bool(self.columns and self.columns.x)
-        if inside is not None and inside.differs and turned:
+        if inside is not None and inside.differs and (self.format == "mmp_acm" or columns.x):
             expected = "one number, as these velocities are turned by the headings"
             raise problem("declination_applied", expected, f"{inside}", f"write {inside.heading:g}")
-        for name in NEEDED.get(self.format, ()):
-            if getattr(self, name) is None:
-                field = allowed_keys(type(self))[name]
-                advice = f"add for example {name}: {field.examples[0]}"
-                raise problem(name, f"{field.description}, which {self.format} does not tell", "nothing", advice)
+        if absent := [name for name in NEEDED.get(self.format, ()) if getattr(self, name) is None]:
+            field = allowed_keys(type(self))[absent[0]]
+            expected = f"{field.description}, which {self.format} does not tell"
+            raise problem(absent[0], expected, "nothing", f"add for example {absent[0]}: {field.examples[0]}")
         if self.format in TABLES:
-            headers = self.columns.headers() if self.columns else {}
+            headers = columns.headers()
             values.check_table(headers, self.depth)
             if "direction_reference" not in self.model_fields_set:  # what the headers say stands for the key
                 north = stated_north({role: [str(header)] for role, header in headers.items()})

@@ -18,10 +18,9 @@ def key(expected: str, example: str, default: Any = ..., advice: str | None = No
     """Create a field with the texts of its error message.
 
     Args:
-        expected: description of the allowed values, shown after "expected" and followed by their bounds.
-        example: a value as written in YAML.
+        expected: description of the allowed values, followed by their bounds in the message.
+        example: a value as written in YAML, which is the ``advice`` unless another is given.
         default: value if the key is absent; without a default the key is required.
-        advice: how to correct a wrong value; by default, to write the example.
         **limits: bounds (``ge`` or ``gt``, with ``le``) and alias, passed to ``pydantic.Field``.
     """
     if "le" in limits:

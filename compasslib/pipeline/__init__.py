@@ -2,9 +2,9 @@
 
 Inputs and outputs stand in the rules (``workflow/rules``). Each setting of a stage is a parameter of its rule:
 
->>> from compasslib.pipeline import keys
->>> keys.flatten({"method": "exact", "place": {"latitude": 66.5}, "exclude": [[0.0, 1.5]]}).values()
+>>> from compasslib.pipeline.job import flatten, unflatten
+>>> flatten({"method": "exact", "place": {"latitude": 66.5}, "exclude": [[0.0, 1.5]]}).values()
 dict_values(['method="exact"', 'place.latitude=66.5', 'exclude[0][0]=0.0', 'exclude[0][1]=1.5'])
->>> keys.unflatten(['method="exact"', "place.latitude=66.5", "exclude[0][0]=0.0", "exclude[0][1]=1.5"])
+>>> unflatten(['method="exact"', "place.latitude=66.5", "exclude[0][0]=0.0", "exclude[0][1]=1.5"])
 {'method': 'exact', 'place': {'latitude': 66.5}, 'exclude': [[0.0, 1.5]]}
 """

@@ -1,7 +1,11 @@
-"""Safeguards of a run: it takes no code from a cruise folder, no older results, and leaves no incomplete files."""
+"""Safeguards of a run.
+
+It takes no code from a cruise folder and no older results, leaves no incomplete files, and simulates no measured ones.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -9,10 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from compasslib import __version__
+from compasslib.archive import provenance
 from compasslib.archive.files import HALF_WRITTEN
 from compasslib.config.cruise import Cruise
 from compasslib.errors import InputError
 from compasslib.pipeline.job import ROOT
+from compasslib.stages.settings import CONCEALED
 
 RESULTS = Path("results")
 # Variables of the environment of jobs, which import no modules from their working folder, the cruise. glibc reuses
@@ -61,30 +67,17 @@ def left_out(cruise: Cruise, config: Mapping[str, object]) -> dict[str, list[str
     return {"moorings": moorings, "calibrations": [name for name in asked if name in cruise.calibrations]}
 
 
-def check_results(warn: Callable[[str], object]) -> None:
-    """Warn of results of which Snakemake has no metadata."""
-    if any(RESULTS.glob("*/logs")) and not any(Path(".snakemake").glob("metadata/*")):
-        warn(
-            "results without .snakemake/metadata: settings changed since they were made are not noticed; "
-            "-- --forceall makes everything again"
-        )
-
-
 def delete_incomplete() -> None:
     """Delete the incomplete files of killed runs; links are not followed."""
     for path in RESULTS.rglob(f".*.*{HALF_WRITTEN}"):
         path.unlink(missing_ok=True)
 
 
-def closing_text(started_s: float = 0.0, *, late_s: float = 2.0) -> str:
-    """Summarize a run since a time from the logs of its jobs: the moorings, all warnings, and killed jobs.
-
-    Args:
-        late_s: time by which the clock of a file server may be late.
-    """
+def closing_text(started_s: float = 0.0) -> str:
+    """Summarize a run since a time from the logs of its jobs: the moorings, all warnings, and killed jobs."""
     lines, warned, killed = list[str](), list[str](), list[str]()
     for log in sorted(RESULTS.glob("**/logs/*.log")):
-        if log.stat().st_mtime < started_s - late_s:
+        if log.stat().st_mtime < started_s - 2.0:  # the clock of a file server may be late
             continue
         said = log.read_text(encoding="utf-8", errors="replace").splitlines()
         warned += [line for line in said if WARNING in line]
@@ -100,3 +93,44 @@ def storage_root(workflow: Any) -> str:
     """Return where a storage plug-in of Snakemake keeps copies of the cruise's files, for jobs too; "." without one."""
     os.environ[ROOT] = str(Path(workflow.inputfile(str(RESULTS))).parent)
     return os.environ[ROOT]
+
+
+def truth_file(name: str) -> str:
+    """Return the path of the truth of a simulated mooring, which no stage reads but ``concealed``."""
+    return f"concealed/{name}.json" if name in CONCEALED else f"truth/{name}.csv"
+
+
+def to_simulate(cruise: Cruise, warn: Callable[[str], object] = print, *, check: bool = True) -> dict[str, list[str]]:
+    """List the raw files of each demonstration mooring that a rule may write; none for any other cruise.
+
+    A mooring is left out if its files all exist and are not provably the simulation's: they are used as raw files.
+
+    Args:
+        check: whether the files are looked at, as once at the start of a run.
+
+    Raises:
+        InputError: some files of a mooring are missing and others are not the simulation's.
+    """
+    ours: dict[str, list[str]] = {}
+    for name, mooring in cruise.moorings.items() if cruise.options.demonstration else ():
+        files = [file for each in mooring.instruments.values() for file in (*each.files, *each.pressure_files)]
+        made = _simulated(name) if check else {}
+        present = [file for file in (*files, truth_file(name)) if check and os.path.lexists(file)]
+        foreign = [file for file in present if os.path.islink(file) or provenance.sha256(file) != made.get(file)]
+        if foreign and (missing := [file for file in files if not os.path.isfile(file)]):
+            actual = f"a file or link that is there already, while {missing[0]} is missing"
+            advice = "measured files are never written over: add the missing one, or delete demonstration: true"
+            raise InputError(foreign[0], expected="what the simulation wrote, or nothing", found=actual, advice=advice)
+        if foreign:
+            warn(f"{name}: raw files used as they stand: no record says that the simulation wrote them")
+        else:
+            ours[name] = files
+    return ours
+
+
+def _simulated(name: str) -> dict[str, str]:
+    """Return the SHA-256 of the files that the simulation of a mooring has on record as its own, by path."""
+    try:
+        return dict(json.loads(Path(f"results/{name}/logs/simulate.json").read_bytes())["wrote"])
+    except (OSError, ValueError, TypeError, KeyError):
+        return {}

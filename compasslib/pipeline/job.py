@@ -7,25 +7,27 @@ same: they write the reason into their outputs, which ``usable`` reads.
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from importlib import import_module
 from inspect import signature
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote, unquote
 
 from compasslib.archive import provenance
 from compasslib.archive.files import write_json, write_reason
 from compasslib.errors import InputError, Stopped, TransientError, Unusable
-from compasslib.pipeline.keys import unflatten
+from compasslib.stages import Files, Say
 from compasslib.statistics import single_threaded
 
 OUT_OF_MEMORY = "ran out of memory; run again with fewer --cores, so that fewer jobs share it, or on a larger machine"
 ROOT = "COMPASSLIB_ROOT"  # environment variable: folder to which the paths of a job are relative
-ALWAYS_END = ("read.read", "read.overlap", "calibrate.calibrate")  # stages before the checkpoint ``usable``
+ALWAYS_END = ("read.read", "read.overlap", "fit.calibrate")  # stages before the checkpoint ``usable``
 INTERRUPTED = "was interrupted; run again to take it up"
 Paths = str | list[str]
 
@@ -39,10 +41,10 @@ def run_job(snakemake: Any) -> None:
 
 
 def run_stage(snakemake: Any, stage: Callable[..., None], *, always_ends: bool = False) -> None:
-    """Run one stage with its wildcards in order, and the files and settings of its rule by name of argument.
+    """Run one stage with the wildcards, files and settings of its rule.
 
-    The argument ``say`` writes a line to the job's log. If the content of a file cannot be used, a job that
-    ``always_ends`` writes the reason into its outputs; any other ends with exit status 1.
+    If the content of a file cannot be used, a job that ``always_ends`` writes the reason into its outputs; any other
+    ends with exit status 1.
     """
     log, wildcards = Path(snakemake.log[0]).absolute(), dict(snakemake.wildcards.items())
     subject = "".join(f"{kind} {name}: " for kind, name in wildcards.items() if kind != "role")
@@ -83,9 +85,7 @@ def run_stage(snakemake: Any, stage: Callable[..., None], *, always_ends: bool =
     sys.exit(1)
 
 
-def _run(
-    snakemake: Any, stage: Callable[..., None], say: Callable[[str], None], *, always_ends: bool
-) -> InputError | None:
+def _run(snakemake: Any, stage: Callable[..., None], say: Say, *, always_ends: bool) -> InputError | None:
     """Run the stage and write its record; return why a file is unusable where the job ends all the same."""
     reads, writes = _enter_cruise(snakemake)
     record, unusable = str(writes.pop("job")), None
@@ -97,17 +97,11 @@ def _run(
         "library": settings.pop("library", ""),
         "parameters": settings,
     }
-    before = {path: _size_and_date(path) for path in _flat(reads)}
     try:
-        made["read"] = {path: hash_input(path) for path in before}
-        named = {"say": say, **reads, **writes, **settings}
-        stage(*snakemake.wildcards, **{name: named[name] for name in signature(stage).parameters if name in named})
+        made["read"] = {path: hash_input(path) for path in _flat(reads)}
+        call_stage(stage, snakemake.wildcards, Files(**reads, **writes), say, settings)
     except InputError as error:
         unusable = error
-    for path, known in before.items():
-        if _size_and_date(path) != known:  # as of a file that is still being copied, which is not damaged
-            advice = "start the run again when it is whole"
-            raise TransientError(path, expected="a file that stays as it is", found="one that changed", advice=advice)
     if unusable and (not always_ends or isinstance(unusable, TransientError)):
         raise unusable
     if unusable:
@@ -121,6 +115,14 @@ def _run(
     return unusable
 
 
+def call_stage(
+    stage: Callable[..., None], wildcards: Iterable[str], files: Files, say: Say, settings: Mapping[str, Any]
+) -> None:
+    """Call a stage with those settings that are its arguments; others only state the order of its files."""
+    asked = signature(stage).parameters
+    stage(*wildcards, files, say, **{name: value for name, value in settings.items() if name in asked})
+
+
 def _enter_cruise(snakemake: Any) -> tuple[dict[str, Paths], dict[str, Paths]]:
     """Change to the cruise folder, or to a storage plug-in's copies; return inputs and outputs relative to it, by name.
 
@@ -131,21 +133,18 @@ def _enter_cruise(snakemake: Any) -> tuple[dict[str, Paths], dict[str, Paths]]:
     def inside(given: Any) -> Paths:
         return given.removeprefix(f"{root}/") if isinstance(given, str) else [str(inside(path)) for path in given]
 
-    named = [{name: inside(given) for name, given in files.items()} for files in (snakemake.input, snakemake.output)]
+    reads, writes = (
+        {name: inside(given) for name, given in files.items()} for files in (snakemake.input, snakemake.output)
+    )
     if root != ".":
         with suppress(FileExistsError):
             Path(root, "config").symlink_to(Path("config").absolute())
         os.chdir(root)
-    return named[0], named[1]
+    return reads, writes
 
 
-def _flat(files: dict[str, Paths]) -> list[str]:
+def _flat(files: Mapping[str, Paths]) -> list[str]:
     return [path for given in files.values() for path in ([given] if isinstance(given, str) else given)]
-
-
-def _size_and_date(path: str) -> tuple[int, int]:
-    status = os.stat(path)
-    return status.st_size, status.st_mtime_ns
 
 
 def hash_input(path: str) -> str:
@@ -156,3 +155,60 @@ def hash_input(path: str) -> str:
         expected, advice = "a file that can be read", "correct its permissions or repair the disk"
         kind = TransientError if path.startswith("results/") else InputError
         raise kind(path, expected=expected, found=error.strerror, advice=advice) from error
+
+
+# Settings as parameters of rules: each value is a text ``key=value``, which Snakemake compares and prints.
+
+
+def flatten(arguments: Mapping[str, Any]) -> dict[str, str]:
+    """Convert arguments of a stage to texts ``key=value``, one for each number, text or switch, with values as JSON."""
+    return {path: f"{path}={json.dumps(value, ensure_ascii=False)}" for path, value in _leaves(arguments)}
+
+
+def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the values in mappings and lists, with their paths; other signs in a name than letters are escaped."""
+    if isinstance(value, Mapping) and value:
+        for name, each in value.items():
+            escaped = quote(name, safe="/ ").replace(".", "%2E")
+            yield from _leaves(each, f"{path}.{escaped}" if path else escaped)
+    elif isinstance(value, list | tuple) and value:
+        for k, each in enumerate(value):
+            yield from _leaves(each, f"{path}[{k}]")
+    elif path:
+        yield path, value
+
+
+def unflatten(texts: Iterable[str]) -> dict[str, Any]:
+    """Return the arguments that ``flatten`` converted, with lists in place of tuples."""
+    tree: dict[str, Any] = {}
+    for text in texts:
+        path, value = text.split("=", 1)
+        *outer, last = path.replace("[", ".[").split(".")
+        inner = tree
+        for name in outer:
+            inner = inner.setdefault(name, {})
+        inner[last] = json.loads(value)
+    return _with_lists(tree)
+
+
+def _with_lists(tree: Any) -> Any:
+    if not isinstance(tree, dict):
+        return tree
+    if "[0]" in tree:
+        return [_with_lists(tree[f"[{k}]"]) for k in range(len(tree))]
+    return {unquote(name): _with_lists(value) for name, value in tree.items()}
+
+
+def parameters(settings: Callable[..., dict[str, Any]], subjects: Iterable[tuple[str, ...]]) -> dict[str, Any]:
+    """Compose the parameters of a rule, one function for each key; it returns None where a job does not have the key.
+
+    The arguments of the stage are ``settings(*subject)`` by the values of the wildcards; those of () are for all jobs.
+    """
+    known = {subject: flatten(settings(*subject)) for subject in subjects}
+    names = dict.fromkeys(name for texts in known.values() for name in texts)
+
+    def of(name: str) -> Callable[[Any], str | None]:
+        return lambda wildcards: known.get(tuple(wildcards), known.get((), {})).get(name)
+
+    # Snakemake compares the sets of values: None is in all of them, so that a key of one job does not concern others.
+    return {"none": None} | {f"key{k}": of(name) for k, name in enumerate(names)}

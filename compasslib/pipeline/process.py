@@ -7,14 +7,13 @@ by the workflow only.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
 from contextlib import chdir, suppress
-from inspect import signature
 from pathlib import Path
 
 from compasslib.config.cruise import Cruise, load_cruise
 from compasslib.errors import InputError
-from compasslib.stages import calibrate, correct, diagnose, fit, grid, read
+from compasslib.pipeline.job import call_stage
+from compasslib.stages import Files, Say, correct, diagnose, fit, read
 from compasslib.stages.settings import Arguments, Calibrations, Compasses, Moorings, check_cruise
 from compasslib.statistics import single_threaded
 
@@ -23,7 +22,7 @@ FILES = (
     *("deviation.json", "corrected.nc", "overlap.nc", "assessment.json", "table.csv", "histograms.csv"),
 )
 ALONE = ("diagnosis", "deviation", "agreement")  # of a record of a shared compass by itself
-Say = Callable[[str], None]
+CALIBRATION_FILES = {"calibration": "calibration.json", "table": "table.csv", "points": "points.csv"}
 
 
 def process_mooring(cruise: str | Path, mooring: str, folder: str | Path, say: Say = lambda line: None) -> Path:
@@ -65,15 +64,15 @@ def process(cruise: Cruise, mooring: str, folder: Path, say: Say = lambda line: 
         files = _fit(cruise, part, folder / part.removeprefix(mooring).strip("/"), say)
         if part in Compasses(cruise).moorings:
             files["joined"] = _combine_records(cruise, part, files)
-        _call(diagnose.diagnose, part, files, settings.diagnose(part))
-        _call(correct.correct, part, files, settings.correct(part))
+        call_stage(diagnose.diagnose, [part], Files(**files), say, settings.diagnose(part))
+        call_stage(correct.correct, [part], Files(**files), say, settings.correct(part))
         parts.append(files)
     if gridded and mooring in settings.gridded:
         stems = {f"{stem}s": stem for stem in ("record", "deviation", "assessment", "field")}
         stems |= {"corrected": "corrected", "pairs": "overlap"}
         lists = {name: [files[stem] for files in parts] for name, stem in stems.items()}
         lists["gridded"] = [f"{folder}/{file}" for file in settings.gridded[mooring]]
-        _call(grid.grid, mooring, parts[0] | lists, settings.grid(mooring))
+        call_stage(correct.grid, [mooring], Files(**parts[0] | lists), say, settings.grid(mooring))
 
 
 def _fit(cruise: Cruise, name: str, folder: Path, say: Say) -> Arguments:
@@ -81,29 +80,30 @@ def _fit(cruise: Cruise, name: str, folder: Path, say: Say) -> Arguments:
     settings = Moorings(cruise)
     record, *references = [f"{folder}/work/{role}.nc" for role in settings.roles(name)]
     files: Arguments = {Path(file).stem: f"{folder}/{file}" for file in FILES}
-    files |= {"folder": folder, "say": say, "record": record, "references": references}
+    files |= {"folder": folder, "record": record, "references": references}
     files |= {"observatory": settings.observatory(name), "ready": settings.ready_pairs(name)}
     files["pairs"] = f"{folder}/work/pairs/overlap.nc"
     files["alone"] = [f"{folder}/work/alone/{stem}.json" for stem in ALONE]
     for role, path in zip(settings.roles(name), (record, *references), strict=True):
         raw, companions = settings.raw_files(name, role), settings.companion_files(name, role)
-        read.read(name, role, raw=raw, companions=companions, record=path, **settings.read(name, role), say=say)
-    _call(read.overlap, name, files, settings.overlap(name))
+        given = Files(raw=raw, companions=companions, record=path)
+        call_stage(read.read, [name, role], given, say, settings.read(name, role))
+    call_stage(read.overlap, [name], Files(**files), say, settings.overlap(name))
     if calibrations := [_calibrate(cruise, each, folder) for each in settings.calibrations(name)]:
-        made = files | {"calibrations": calibrations}
-        _call(fit.transfer_calibration, name, made, settings.transfer_calibration(name))
+        transferred = Files(**files, calibrations=calibrations)
+        call_stage(fit.transfer_calibration, [name], transferred, say, settings.transfer_calibration(name))
     else:
-        _call(fit.fit, name, files, settings.fit(name))
+        call_stage(fit.fit, [name], Files(**files), say, settings.fit(name))
     return files
 
 
 def _calibrate(cruise: Cruise, name: str, folder: Path) -> str:
     """Calibrate a compass and return its calibration.json, without comparison, in the work folder of a mooring."""
     settings = Calibrations(cruise)
-    files: Arguments = {key: f"{folder}/work/calibrations/{name}/{file}" for key, file in calibrate.FILES.items()}
-    files |= {"raw": settings.raw_files(name), "say": lambda line: None}
-    _call(calibrate.calibrate, name, files, settings.calibrate(name))
-    return str(files["calibration"])
+    files = {key: f"{folder}/work/calibrations/{name}/{file}" for key, file in CALIBRATION_FILES.items()}
+    given = Files(**files, raw=settings.raw_files(name))
+    call_stage(fit.calibrate, [name], given, _say_nothing, settings.calibrate(name))
+    return files["calibration"]
 
 
 def _combine_records(cruise: Cruise, mooring: str, files: Arguments) -> str:
@@ -111,24 +111,22 @@ def _combine_records(cruise: Cruise, mooring: str, files: Arguments) -> str:
     settings, folder = Compasses(cruise), files["folder"] / "work/compasses"
     compass = settings.moorings[mooring]
     summaries, calibrations = list[str](), list[str]()
-    for name in settings.members[compass][0]:
+    for name in cruise.compasses[compass][0]:
         try:
-            member = files if name == mooring else _fit(cruise, name, folder / name, lambda line: None)
+            member = files if name == mooring else _fit(cruise, name, folder / name, _say_nothing)
         except InputError:
             continue
         summaries.append(f"{member['folder']}/work/alone/summary.json")
         alone = dict(zip(ALONE, member["alone"], strict=True)) | {"summary": summaries[-1]}
-        _call(diagnose.diagnose, name, member | alone, Moorings(cruise).diagnose(name))
-    for name in settings.members[compass][1]:
+        call_stage(diagnose.diagnose, [name], Files(**member | alone), _say_nothing, Moorings(cruise).diagnose(name))
+    for name in cruise.compasses[compass][1]:
         with suppress(InputError):
             calibrations.append(_calibrate(cruise, name, files["folder"]))
-    outputs = {"joined": f"{folder}/compass.json", "diagnosis": f"{folder}/diagnosis.json"}
-    inputs = {"summaries": summaries, "calibrations": calibrations, "say": lambda line: None}
-    _call(diagnose.combine_records, compass, inputs | outputs, settings.combine_records(compass))
-    return outputs["joined"]
+    joined = f"{folder}/compass.json"
+    made = Files(summaries=summaries, calibrations=calibrations, joined=joined, diagnosis=f"{folder}/diagnosis.json")
+    call_stage(diagnose.combine_records, [compass], made, _say_nothing, settings.combine_records(compass))
+    return joined
 
 
-def _call(stage: Callable[..., None], name: str, files: Arguments, settings: Arguments) -> None:
-    """Run a stage with those files and settings that are among its arguments, as a job of the workflow does."""
-    named = files | settings
-    stage(name, **{key: value for key, value in named.items() if key in signature(stage).parameters})
+def _say_nothing(line: str) -> None:
+    pass

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from compasslib.archive import summary as table
 from compasslib.archive.files import read_json, read_reason, write_json
 from compasslib.errors import Stopped
 from compasslib.report import explore
+from compasslib.stages import Files, Say, Settings
 
 CALIBRATIONS = "results/calibrations"
 FOLLOWS = "it needs calibration"
@@ -21,41 +22,35 @@ Reason = dict[str, Any]  # stage, why, file, advice
 
 
 def usable(
-    *,
-    moorings: Sequence[str],
-    calibrations: Sequence[str],
-    needed: Mapping[str, Sequence[str]],
-    shared: Mapping[str, tuple[Sequence[str], Sequence[str]]],
-    without: Mapping[str, Sequence[str]],
-    usable: str,
-    say: Callable[[str], None],
-) -> None:
+    files: Files, say: Say, *, needed: Mapping[str, Sequence[str]],
+    shared: Mapping[str, tuple[Sequence[str], Sequence[str]]], without: Mapping[str, Sequence[str]],
+) -> None:  # fmt: skip
     """Write which moorings, calibrations and compasses can go on, and ``stopped.json`` in place of others' products.
 
+    The files are work/field.json of each mooring and work/calibration.json of each calibration that are not left out,
+    possibly with a reason in place of the data.
+
     Args:
-        moorings: work/field.json of each mooring that is not left out, possibly with a reason in place of the field.
-        calibrations: work/calibration.json of each such calibration, likewise.
         needed: calibrations that each mooring needs.
         shared: moorings and calibrations of each compass.
         without: moorings and calibrations that were left out by request, by kind.
     """
-    known = {Path(path).parents[1].name: read_reason(path) for path in calibrations}
+    known = {Path(path).parents[1].name: read_reason(path) for path in files.calibrations}
     known |= {name: _left_out(name) for name in without["calibrations"]}
-    reasons = {Path(path).parents[1].relative_to("results").as_posix(): read_reason(path) for path in moorings}
+    reasons = {Path(path).parents[1].relative_to("results").as_posix(): read_reason(path) for path in files.moorings}
     reasons |= {name: _left_out(name) for name in without["moorings"]}
     for name, others in needed.items():
         stops = [(other, why) for other in others if (why := known[other])]
         follows = [why | {"why": f"{FOLLOWS} {other}, which was stopped: {why['why']}"} for other, why in stops]
         reasons[name] = reasons[name] or next(iter(follows), None)
-    members = {
-        name: [*(reasons[each] for each in deployments), *(known[each] for each in checks)]
-        for name, (deployments, checks) in shared.items()
-    }
+    # A compass, and a mooring of several affected instruments, are stopped only if all of their records are.
+    members = {name: [*map(reasons.get, of), *map(known.get, checks)] for name, (of, checks) in shared.items()}
     compasses = {name: whys[0] if all(whys) else None for name, whys in members.items()}
-    of_folder = {f"results/{name}": why for name, why in reasons.items()}
-    wholes = {name.partition("/")[0] for name in reasons if "/" in name}
-    parts = {whole: [why for name, why in reasons.items() if name.startswith(f"{whole}/")] for whole in wholes}
-    of_folder |= {f"results/{whole}": whys[0] if all(whys) else None for whole, whys in parts.items()}
+    parts: dict[str, list[Reason | None]] = {}
+    for name, why in reasons.items():
+        parts.setdefault(name.partition("/")[0], []).append(why)
+    of_folder = {f"results/{name}": whys[0] if all(whys) else None for name, whys in parts.items()}
+    of_folder |= {f"results/{name}": why for name, why in reasons.items()}
     of_folder |= {f"{CALIBRATIONS}/{name}": why for name, why in known.items()}
     of_folder |= {f"results/compasses/{name}": why for name, why in compasses.items() if why}
     for folder, why in of_folder.items():
@@ -66,7 +61,7 @@ def usable(
             if path.is_file() or path.is_symlink():
                 path.unlink()
         write_json(Path(folder, "stopped.json"), why)
-    write_json(usable, {"moorings": reasons, "calibrations": known, "compasses": compasses})
+    write_json(files.usable, {"moorings": reasons, "calibrations": known, "compasses": compasses})
     every = [*reasons.values(), *known.values()]
     say(f"{len(every)} moorings and calibrations, {sum(map(bool, every))} stopped")
 
@@ -81,34 +76,24 @@ def read_stopped(usable: str) -> dict[str, dict[str, str]]:
     return {kind: {name: why["why"] for name, why in each.items() if why} for kind, each in read_json(usable).items()}
 
 
-def summary(*, summary: str, usable: str, roles: Mapping[str, Sequence[str]], say: Callable[[str], None]) -> None:
+def summary(files: Files, say: Say, *, roles: Mapping[str, Sequence[str]]) -> None:
     """Write summary.csv, one row for each mooring, processed or stopped, in the order of ``roles``."""
-    results, why = Path(summary).parent, read_stopped(usable)["moorings"]
+    results, why = Path(files.summary).parent, read_stopped(files.usable)["moorings"]
     rows = [
         table.stopped_row(name, why[name]) if name in why else table.summary_row(name, results / name, used)
         for name, used in roles.items()
     ]
-    table.write_summary(summary, rows)
+    table.write_summary(files.summary, rows)
     say(table.format_table(rows))
-    say(f"{summary}: {len(rows)} mooring{'s' * (len(rows) != 1)}")
+    say(f"{files.summary}: {len(rows)} mooring{'s' * (len(rows) != 1)}")
 
 
 def report(
-    *,
-    pages: Sequence[str],
-    attributes: Mapping[str, Any],
-    moorings: Mapping[str, Mapping[str, Any]],
-    calibrations: Sequence[str],
+    files: Files, say: Say, *, attributes: Settings, moorings: Mapping[str, Settings], calibrations: Sequence[str],
     compasses: Sequence[str],
-    usable: str,
-    say: Callable[[str], None],
-) -> None:
-    """Write two ``pages`` into the folder of the results: all results, and the series of the moorings to look at.
-
-    Raises:
-        InputError: a file of the results is missing or damaged.
-    """
-    (page, series), stopped = pages, read_stopped(usable)
+) -> None:  # fmt: skip
+    """Write two ``pages`` into the folder of the results: all results, and the series of the moorings to look at."""
+    (page, series), stopped = files.pages, read_stopped(files.usable)
     content = html.gather(
         Path(page).parent,
         attributes=attributes,
@@ -123,27 +108,19 @@ def report(
     say(html.log_line(page, content))
 
 
-def provenance(
-    *,
-    jobs: Sequence[str],
-    usable: str,
-    manifest: str,
-    configuration: Mapping[str, Sequence[str]],
-    attributes: Mapping[str, Any],
-    say: Callable[[str], None],
-) -> None:
+def provenance(files: Files, say: Say, *, configuration: Mapping[str, Sequence[str]], attributes: Settings) -> None:
     """Write the manifest, a crate of all ``jobs``, given by their records; the rest are arguments of ``crate.crate``.
 
     Raises:
         InputError: a job read a result that is not as its job wrote it.
     """
-    stopped = _named(read_stopped(usable))
-    page = crate.crate(crate.read_jobs(jobs), configuration=configuration, attributes=attributes, stopped=stopped)
-    write_json(manifest, page)
-    say(f"{manifest}: {len(crate.listed(page))} files, {len(jobs)} jobs")
+    jobs, stopped = crate.read_jobs(files.jobs), _named(read_stopped(files.usable))
+    page = crate.crate(jobs, configuration=configuration, attributes=attributes, stopped=stopped)
+    write_json(files.manifest, page)
+    say(f"{files.manifest}: {len(crate.listed(page))} files, {len(jobs)} jobs")
 
 
-def complete(*, usable: str, say: Callable[[str], None]) -> None:
+def complete(files: Files, say: Say) -> None:
     """End the run: report what was stopped.
 
     Intermediate files of what was stopped are dated 1970: the next run then compares raw files with those that were
@@ -152,7 +129,7 @@ def complete(*, usable: str, say: Callable[[str], None]) -> None:
     Raises:
         Stopped: a mooring or calibration was stopped and has no results.
     """
-    stopped = read_stopped(usable)
+    stopped = read_stopped(files.usable)
     folders = [f"results/{name}" for name in stopped["moorings"]]
     folders += [f"{CALIBRATIONS}/{name}" for name in stopped["calibrations"]]
     for path in (path for folder in folders for path in Path(folder).glob("work/**/*.*")):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from compasslib.inference.joint_compass import Member
 from compasslib.inference.product import CorrectionModel
 from compasslib.preparation.references import combine_references
 from compasslib.records import EarthField, Pairs, Record
+from compasslib.stages import Files, Say, Settings
 
 if TYPE_CHECKING:
     from compasslib.inference.diagnosis import Diagnosis
@@ -34,59 +35,48 @@ DISABLED = "the search was switched off (diagnose: {enabled: false})"
 
 
 def diagnose(
-    mooring: str,
-    *,
-    record: str,
-    references: Sequence[str],
-    pairs: str,
-    wide: str,
-    fit: str,
-    field: str,
-    observatory: Sequence[str],
-    diagnosis: str,
-    deviation: str,
-    agreement: str,
-    options: Mapping[str, Any],
-    sphere_distance_m: tuple[float, float] | None,
-    say: Callable[[str], None],
-    summary: str = "",
-    joined: str = "",
-    alone: Sequence[str] = (),
+    mooring: str, files: Files, say: Say, *, options: Settings, sphere_distance_m: tuple[float, float] | None
 ) -> None:
-    """Write the diagnosis, the fit with the effects found and applied, and the agreement with the reference.
+    """Write the ``diagnosis``, the compass that corrects (``deviation``), and the ``agreement`` with the reference.
+
+    For a shared compass the files also name a ``summary`` to write for its other records; or ``joined``, compass.json,
+    from which the other records are known, and ``alone``, the same three files of the record by itself.
 
     Args:
-        wide: file of pairs with larger separations, from which the shear of the water is estimated.
-        observatory: IAGA-2002 files of one observatory, possibly none.
         sphere_distance_m: bounds of the distance from the compass to the iron's centre, where known.
-        summary: file to write for other records of the compass, empty if there are none.
-        joined: compass.json, from which the other records of the compass are known; empty if this one is taken alone.
-        alone: with ``joined``, the same three files of the record by itself.
-
-    Raises:
-        InputError: an observatory's file cannot be read.
     """
-    files = diagnosis, deviation, agreement
-    near, along = combine_references(netcdf.read_pairs(pairs)), earthfield.field_from_json(read_json(field))
-    configured, siblings, text = read_json(fit), None, ""
-    fitted = fit_from_json(configured)
+    near = combine_references(netcdf.read_pairs(files.pairs))
+    along, configured = earthfield.field_from_json(read_json(files.field)), read_json(files.fit)
+    upper = netcdf.read_record(files.record, velocities=False)  # these take a third of the memory
+    fitted, siblings, shared = fit_from_json(configured), None, None
+    summary, joined = getattr(files, "summary", ""), getattr(files, "joined", "")
     if joined:
         siblings, before = joint.read_returned(read_json(joined), mooring), fitted
         if siblings is None:
-            for file, same in zip(files, alone, strict=True):
+            for file, same in zip((files.diagnosis, files.deviation, files.agreement), files.alone, strict=True):
                 shutil.copyfile(same, file)
             say(f"{mooring}: no other record is consistent with this one; its own diagnosis is used")
             return
         if before.method != "von_appen":
-            upper = netcdf.read_record(record, velocities=False)
             fitted = fit_with_siblings(siblings, near, along, upper)
             configured = deviation_json(fitted, upper)
         text = describe_siblings(siblings, before, fitted)
+        shared = siblings.block(text)
         say(f"{mooring}: {text}")
-    asked = {**options, "share": bool(summary)}
-    made = _conclude(near, along, configured, fitted, (record, references, observatory, wide), asked, siblings)
-    shared = siblings.block(text) if siblings else None
-    _write(made, configured, record, shared, sphere_distance_m, files)
+    made = _conclude(files, near, upper, along, configured, fitted, {**options, "share": bool(summary)}, siblings)
+    corrected, alone = (deviation_json(fit, upper) for fit in (made.product.fit, fit_from_json(configured)))
+    origin = {name: value for name, value in configured.items() if name not in alone}  # of a calibration
+    content = corrected | {
+        "warnings": tuple(dict.fromkeys([*alone["warnings"], *corrected["warnings"]])),
+        "averaged": any(member.compass for member in made.product.applied),
+        "fitted": alone,
+        "applied": made.product.to_json(),
+        "shared": shared,
+        "safe_distance": estimate_safe_distance(made.product.fit, sphere_distance_m),
+    }
+    write_json(files.diagnosis, made.diagnosis.to_json())
+    write_json(files.deviation, origin | content)
+    write_json(files.agreement, made.assessment)
     if summary:
         information = made.diagnosis.information or joint.fit_information(fitted)
         place = float(np.mean(along.horizontal_nT)), float(np.mean(along.vertical_nT))
@@ -97,25 +87,12 @@ def diagnose(
 
 
 def _conclude(
-    near: Pairs,
-    along: EarthField,
-    configured: Mapping[str, Any],
-    fitted: DeviationFit,
-    evidence: tuple[str, Sequence[str], Sequence[str], str],
-    options: Mapping[str, Any],
-    siblings: SiblingInformation | None = None,
-) -> Conclusion:
-    """Search the pairs of a mooring for effects and conclude.
-
-    Args:
-        configured: content of the fit's file.
-        evidence: files of record, references, observatory and wide pairs.
-        siblings: what other records of the same compass tell.
-    """
-    record, references, observatory, wide = evidence
-    series = covariates.logged_series(netcdf.read_record(record), observatory)
-    upper = netcdf.read_record(record, velocities=False)  # these take a third of the memory
-    biases = netcdf.read_applied_declinations((record, *references))
+    files: Files, near: Pairs, upper: Record, along: EarthField, configured: Settings, fitted: DeviationFit,
+    options: Settings, siblings: SiblingInformation | None,
+) -> Conclusion:  # fmt: skip
+    """Search the pairs of a mooring for effects and conclude, given what other records of the compass tell."""
+    series = covariates.logged_series(netcdf.read_record(files.record), files.observatory)
+    biases = netcdf.read_applied_declinations((files.record, *files.references))
 
     def find_constant(fit: DeviationFit) -> ConstantOffset | None:
         if options["constant_confirmed"]:
@@ -133,7 +110,7 @@ def _conclude(
         chosen = Options(**{name: value for name, value in options.items() if name not in apart})
         at = np.searchsorted(upper.time_s, subset.time_s)
         logged = {name: column[at] for name, column in series.items()}
-        far, shared = combine_references(netcdf.read_pairs(wide)), siblings.effects if siblings else None
+        far, shared = combine_references(netcdf.read_pairs(files.wide)), siblings.effects if siblings else None
         return diagnose(subset, logged, fitted, along, chosen, wide=far, units=dict(upper.channel_units), shared=shared)
 
     def with_effects(made: CorrectionModel, searched: bool) -> CorrectionModel:
@@ -152,32 +129,6 @@ def _conclude(
         calibration=(configured.get("calibration") or {}).get("name", ""),
         with_effects=with_effects,
     )
-
-
-def _write(
-    made: Conclusion,
-    configured: Mapping[str, Any],
-    record: str,
-    shared: Mapping[str, Any] | None,
-    sphere_distance_m: tuple[float, float] | None,
-    files: tuple[str, str, str],
-) -> None:
-    """Write diagnosis, the compass that corrects, the configured fit and the distances of the iron, and assessment."""
-    diagnosis, deviation, agreement = files
-    upper, product = netcdf.read_record(record, velocities=False), made.product
-    corrected, fitted = (deviation_json(fit, upper) for fit in (product.fit, fit_from_json(configured)))
-    content = {name: value for name, value in configured.items() if name not in fitted}  # the origin of a calibration
-    content |= corrected | {
-        "warnings": tuple(dict.fromkeys([*fitted["warnings"], *corrected["warnings"]])),
-        "averaged": any(member.compass for member in product.applied),
-        "fitted": fitted,
-        "applied": product.to_json(),
-        "shared": shared,
-        "safe_distance": estimate_safe_distance(product.fit, sphere_distance_m),
-    }
-    write_json(diagnosis, made.diagnosis.to_json())
-    write_json(deviation, content)
-    write_json(agreement, made.assessment)
 
 
 def fit_with_siblings(siblings: SiblingInformation, pairs: Pairs, field: EarthField, record: Record) -> DeviationFit:
@@ -205,50 +156,27 @@ def describe_siblings(siblings: SiblingInformation, alone: DeviationFit, fitted:
 
 
 def combine_records(
-    name: str,
-    /,
-    *,
-    summaries: Sequence[str],
-    calibrations: Sequence[str],
-    spheres: Mapping[str, str | None],
-    min_effect_deg: float,
-    joined: str,
-    diagnosis: str,
-    say: Callable[[str], None],
+    name: str, files: Files, say: Say, *, spheres: Mapping[str, str | None], min_effect_deg: float
 ) -> None:
-    """Write compass.json and the diagnosis of the compass.
+    """Write compass.json (``joined``) and the diagnosis of a compass, by its ``summaries`` and ``calibrations``.
 
     Args:
-        summaries: summary of each mooring's record, see ``Member.to_json``.
-        calibrations: calibration.json of each calibration.
         spheres: sphere or frame by name of mooring or calibration, None where not stated.
         min_effect_deg: visible size below which a shared effect is irrelevant.
     """
-    moored, calibrated = ([read_json(path) for path in paths] for paths in (summaries, calibrations))
+    moored, calibrated = ([read_json(path) for path in paths] for paths in (files.summaries, files.calibrations))
     records = [joint_compass.mooring_member(m, spheres[m["name"]]) for m in moored]
     records += [joint_compass.calibration_member(c, spheres[c["name"]]) for c in calibrated]
     page, result = joint.join_compass(name, records, min_effect_deg)
-    write_json(joined, page)
-    write_json(diagnosis, result.to_json())
+    write_json(files.joined, page)
+    write_json(files.diagnosis, result.to_json())
     say(joint.log_line(page, result))
 
 
 def diagnose_calibration(
-    name: str,
-    /,
-    *,
-    raw: Sequence[str],
-    diagnosis: str,
-    kind: str,
-    settings: Mapping[str, Any],
-    options: Mapping[str, Any],
-    say: Callable[[str], None],
+    name: str, files: Files, say: Say, *, kind: str, settings: Settings, options: Settings
 ) -> None:
-    """Write the diagnosis of a calibration: effects in its readings that its model lacks.
-
-    Raises:
-        InputError: a raw file cannot be read.
-    """
-    result = kinds.diagnose(kind, raw, settings, kinds.chosen(options))
-    write_json(diagnosis, result.to_json())
+    """Write the diagnosis of a calibration: effects in its readings that its model lacks."""
+    result = kinds.diagnose(kind, files.raw, settings, kinds.chosen(options))
+    write_json(files.diagnosis, result.to_json())
     say(result.log_line(name))

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from compasslib.archive import calibrations as stored
+from compasslib.archive import calibrations as archived
 from compasslib.archive import netcdf, summary
 from compasslib.archive.files import read_json, write_pictures
 from compasslib.archive.gridded import read_section
@@ -17,25 +17,16 @@ from compasslib.plots import timeseries as water
 from compasslib.plots.figures import FIGURES
 from compasslib.plots.moorings import AssessedMooring
 from compasslib.preparation.references import combine_references
+from compasslib.stages import Files, Say, Settings
 
 
-def figures(
-    mooring: str,
-    *,
-    pairs: str,
-    deviation: str,
-    diagnosis: str,
-    assessment: str,
-    histograms: str,
-    product: str,
-    figures: Sequence[str],
-    pictures: str,
-    say: Callable[[str], None],
-) -> None:
+def figures(mooring: str, files: Files, say: Say) -> None:
     """Draw the figures of a mooring in each format, and write the PNGs as data URIs for the report."""
-    both, corrected = combine_references(netcdf.read_pairs(pairs)), netcdf.read_corrected(product, velocities=False)
-    shown, reference = summary.read_bin_currents(product), summary.reference_current(both)
-    averaged, coarser = (water.average_currents(shown, reference, n) for n in (summary.MAX_MEANS, summary.MAX_STICKS))
+    both = combine_references(netcdf.read_pairs(files.pairs))
+    corrected = netcdf.read_corrected(files.product, velocities=False)
+    shown, reference = summary.read_bin_currents(files.product), summary.reference_current(both)
+    counts = (summary.MAX_MEANS, summary.MAX_STICKS)
+    averaged, coarser = (water.average_currents(shown, reference, count) for count in counts)
     data = SimpleNamespace(
         shown=shown,
         reference=reference,
@@ -44,67 +35,46 @@ def figures(
         headings={"recorded": page.usable_headings(corrected), "corrected": corrected.heading_corrected_deg},
         pairs=both,
         product=corrected,
-        fit=products.from_json(read_json(deviation)).fit,
-        diagnosis=read_json(diagnosis),
-        assessment=read_json(assessment),
-        histograms=summary.read_histograms(histograms),
+        fit=products.from_json(read_json(files.deviation)).fit,
+        diagnosis=read_json(files.diagnosis),
+        assessment=read_json(files.assessment),
+        histograms=summary.read_histograms(files.histograms),
     )
-    _draw("mooring", figures, data)
-    write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")])
-    say(f"{mooring}: {len(figures)} figures")
+    _draw("mooring", mooring, files, data, say)
 
 
-def _draw(subject: str, figures: Sequence[str], data: Any) -> None:
-    """Draw the figures of a subject, each by its row of the table, from the data of the subject."""
-    rows = {row.name: row for row in FIGURES[subject]}
-    for figure in figures:
-        rows[Path(figure).stem].draw(figure, data)
-
-
-def sections(mooring: str, *, gridded: str, figures: Sequence[str], pictures: str, say: Callable[[str], None]) -> None:
+def sections(mooring: str, files: Files, say: Say) -> None:
     """Draw the section, the mean profile and the rotary spectra of the gridded velocities."""
-    data = SimpleNamespace(means=read_section(gridded), series=summary.read_depth_series(gridded))
-    _draw("sections", figures, data)
-    write_pictures(pictures, [figure for figure in figures if figure.endswith(".png")])
-    say(f"{mooring}: {len(figures)} figures")
+    data = SimpleNamespace(means=read_section(files.gridded), series=summary.read_depth_series(files.gridded))
+    _draw("sections", mooring, files, data, say)
 
 
-def calibration_figures(
-    name: str,
-    /,
-    *,
-    calibration: str,
-    table: str,
-    points: str,
-    diagnosis: Sequence[str],
-    figures: Sequence[str],
-    say: Callable[[str], None],
-) -> None:
-    """Draw the figures of a calibration, each selected by its file name; ``diagnosis``: its file, if it has one."""
-    made = stored.read(calibration=calibration, table=table, points=points)
-    content = read_json(diagnosis[0]) if diagnosis else None
-    _draw("calibration", figures, SimpleNamespace(stored=made, diagnosis=content))
-    say(f"{name}: {len(figures)} figures")
+def calibration_figures(name: str, files: Files, say: Say) -> None:
+    """Draw the figures of a calibration, among them those of its ``diagnosis``, if it has one."""
+    stored = archived.read(calibration=files.calibration, table=files.table, points=files.points)
+    diagnosis = read_json(files.diagnosis[0]) if files.diagnosis else None
+    _draw("calibration", name, files, SimpleNamespace(stored=stored, diagnosis=diagnosis), say)
 
 
-def joined_figures(name: str, /, *, joined: str, figures: Sequence[str], say: Callable[[str], None]) -> None:
-    """Draw the figures of a shared compass (``joined``: compass.json), each selected by its file name."""
-    _draw("compass", figures, read_json(joined))
-    say(f"{name}: {len(figures)} figures")
+def joined_figures(name: str, files: Files, say: Say) -> None:
+    """Draw the figures of a shared compass, by its compass.json (``joined``)."""
+    _draw("compass", name, files, read_json(files.joined), say)
 
 
-def cruise_figures(
-    *,
-    deviations: Sequence[str],
-    assessments: Sequence[str],
-    array: Sequence[Mapping[str, Any]],
-    figures: Sequence[str],
-    say: Callable[[str], None],
-) -> None:
+def cruise_figures(files: Files, say: Say, *, array: Sequence[Settings]) -> None:
     """Draw the configured ``array`` and the figures of all moorings that have results."""
     moorings = [
         AssessedMooring(Path(file).parent.name, products.from_json(read_json(file)).fit, read_json(assessment))
-        for file, assessment in zip(deviations, assessments, strict=True)
+        for file, assessment in zip(files.deviations, files.assessments, strict=True)
     ]
-    _draw("cruise", figures, SimpleNamespace(moorings=moorings, array=array))
-    say(f"{len(figures)} figures of {len(moorings)} moorings")
+    _draw("cruise", f"{len(moorings)} moorings", files, SimpleNamespace(moorings=moorings, array=array), say)
+
+
+def _draw(subject: str, name: str, files: Files, data: Any, say: Say) -> None:
+    """Draw the figures of a subject, each by its row of the table, from the data of the subject."""
+    rows = {row.name: row for row in FIGURES[subject]}
+    for figure in files.figures:
+        rows[Path(figure).stem].draw(figure, data)
+    if hasattr(files, "pictures"):
+        write_pictures(files.pictures, [figure for figure in files.figures if figure.endswith(".png")])
+    say(f"{name}: {len(files.figures)} figures")

@@ -1,75 +1,76 @@
-"""Fit the deviation model to the pairs, or convert a calibration to the field of the mooring."""
+"""Calibrate compasses, fit the deviation model to pairs, or convert a calibration to the field of a mooring."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import shutil
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
 
-from compasslib import earthfield
-from compasslib.archive import netcdf
+from compasslib import calibrations, earthfield
+from compasslib.archive import calibrations as archived
+from compasslib.archive import netcdf, provenance
 from compasslib.archive.files import read_json, write_json
-from compasslib.calibrations import at_mooring
+from compasslib.calibrations import at_mooring, result
 from compasslib.deviation import describe_fit, deviation_json, fit_deviation
 from compasslib.deviation.model import IRON_NT, SPHERE_NT, weak_field_warnings
 from compasslib.preparation.references import combine_references
+from compasslib.stages import Files, Say, Settings
 
 
-def fit(
-    mooring: str,
-    *,
-    record: str,
-    pairs: str,
-    field: str,
-    fit: str,
-    method: str,
-    given: Mapping[str, Any] | None,
-    sphere: bool,
-    say: Callable[[str], None],
-) -> None:
-    """Write the fitted compass, or the one given in the YAML file.
+def fit(mooring: str, files: Files, say: Say, *, method: str, given: Settings | None, sphere: bool) -> None:
+    """Write the compass fitted to the pairs, or the one given in the YAML file.
 
     Args:
         given: arguments of ``at_mooring.compass_from_coefficients``, None where the compass is fitted.
         sphere: whether iron near the compass is declared.
     """
-    upper, near = netcdf.read_record(record, velocities=False), combine_references(netcdf.read_pairs(pairs))
-    there = earthfield.field_from_json(read_json(field))
-    weak = weak_field_warnings(there.horizontal_nT)
+    upper = netcdf.read_record(files.record, velocities=False)
+    near = combine_references(netcdf.read_pairs(files.pairs))
+    there = earthfield.field_from_json(read_json(files.field))
     if given is None:
         made, origin = fit_deviation(method, near), {}
     else:
         made = at_mooring.compass_from_coefficients(**given, record=upper, pairs=near)
         origin = {"calibration": {"name": "of the mooring's file", "kind": method}}
-    made = replace(made, warnings=(*made.warnings, *weak), iron_declared=sphere)
-    write_json(fit, deviation_json(made, upper) | origin)
+    warnings = (*made.warnings, *weak_field_warnings(there.horizontal_nT))
+    made = replace(made, warnings=warnings, iron_declared=sphere)
+    write_json(files.fit, deviation_json(made, upper) | origin)
     say(describe_fit(mooring, made))
 
 
-def transfer_calibration(
-    mooring: str,
-    *,
-    calibrations: Sequence[str],
-    record: str,
-    pairs: str,
-    field: str,
-    parts: Sequence[str],
-    sphere: bool,
-    fit: str,
-    say: Callable[[str], None],
-) -> None:
-    """Write the compass of a calibration, converted to the mooring's field.
+def transfer_calibration(mooring: str, files: Files, say: Say, *, parts: Sequence[str], sphere: bool) -> None:
+    """Write the compass of one calibration, or of those before and after the deployment, in the mooring's field.
+
+    Nothing is fitted to the pairs, which are compared only.
 
     Args:
-        calibrations: calibration.json of one calibration, or of those before and after the deployment.
-        pairs: file of pairs, used for comparison only: nothing is fitted to them.
         parts: parts mounted near the mooring's compass.
         sphere: whether iron near it is declared.
     """
-    upper, there = netcdf.read_record(record), earthfield.field_from_json(read_json(field))
-    elsewhere = [read_json(path) for path in calibrations]
-    near = combine_references(netcdf.read_pairs(pairs))
+    upper, there = netcdf.read_record(files.record), earthfield.field_from_json(read_json(files.field))
+    elsewhere = [read_json(path) for path in files.calibrations]
+    near = combine_references(netcdf.read_pairs(files.pairs))
     iron_nT = SPHERE_NT if sphere else IRON_NT
     carried, origin = at_mooring.carry_to_mooring(elsewhere, there, upper, near, parts=parts, iron_nT=iron_nT)
-    write_json(fit, deviation_json(carried, upper) | origin)
+    write_json(files.fit, deviation_json(carried, upper) | origin)
     say(describe_fit(mooring, carried))
+
+
+def calibrate(name: str, files: Files, say: Say, *, kind: str, settings: Settings) -> None:
+    """Write coefficients, deviation table, points and uncertainty budget of a calibration."""
+    settled = earthfield.resolve_settings(settings)
+    made = calibrations.calibrate(kind, files.raw, settled)
+    page = result.to_json(name, made, settled) | provenance.stamp(files.raw)
+    archived.write(page=page, made=made, calibration=files.calibration, table=files.table, points=files.points)
+    say(result.log_line(page))
+
+
+def compare_calibrations(name: str, files: Files, say: Say) -> None:
+    """Write the files of a calibration, with its comparison with ``others`` in calibration.json."""
+    page = read_json(files.calibration)
+    others = {Path(path).parent.name: read_json(path) for path in files.others}
+    write_json(files.compared, page | result.compare_all(name, page, others))
+    for source, copy in zip((files.table, files.points), files.made, strict=True):
+        shutil.copyfile(source, copy)
+    say(f"{name}: compared with {', '.join(others) or 'no other calibration'}")

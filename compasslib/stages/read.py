@@ -1,18 +1,20 @@
-"""Read raw exports to records inside the deployment, and find where records of two instruments overlap."""
+"""Read raw exports, or those simulated here, to records inside the deployment, and find where two records overlap."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from compasslib import earthfield, readers
 from compasslib.archive import netcdf, provenance
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations.observatory import with_observatory_warnings
 from compasslib.deviation.reference import reference_compass
+from compasslib.errors import InputError
 from compasslib.preparation.deployment import (
     add_covariates,
     add_field_strength,
@@ -33,53 +35,39 @@ from compasslib.preparation.pairs import (
 from compasslib.preparation.references import join_references
 from compasslib.readers import table
 from compasslib.readers.matlab import PAIR_ROLES, read_ready_pairs
-from compasslib.records import Record, ReferenceCompass
+from compasslib.records import EarthField, Pairs, Record, ReferenceCompass
+from compasslib.stages import Files, Say, Settings
 
 
 def read(
-    mooring: str,
-    role: str,
-    *,
-    raw: Sequence[str],
-    companions: Sequence[str],
-    record: str,
-    form: str,
-    reader: Mapping[str, Any],
-    deployment: Mapping[str, Any],
-    series: Mapping[str, Mapping[str, Any]],
-    say: Callable[[str], None],
-    neighbour: Mapping[str, Any] | None = None,
-) -> None:
-    """Write the record of one instrument.
+    mooring: str, role: str, files: Files, say: Say, *, form: str, reader: Settings, deployment: Settings,
+    series: Mapping[str, Settings], neighbour: Settings | None = None,
+) -> None:  # fmt: skip
+    """Write the ``record`` of one instrument from its files ``raw`` and the ``companions`` that the settings name.
+
+    The settings are arguments of ``record_of``.
+    """
+    settled = record_of(files.raw, form, reader, deployment, series, neighbour)
+    sources = provenance.hashes([*files.raw, *files.companions])
+    made = provenance.origin("record read", sources) | {netcdf.SOURCES: json.dumps(sources)}
+    netcdf.write_record(files.record, settled, attributes=made)
+    say(describe_record(mooring, role, settled))
+
+
+def record_of(
+    raw: Sequence[str], form: str, reader: Settings, deployment: Settings, series: Mapping[str, Settings],
+    neighbour: Settings | None = None,
+) -> Record:  # fmt: skip
+    """Return the record of one instrument.
 
     Args:
-        companions: other files that the settings name.
         form: a format of ``readers.FORMATS``.
         reader: arguments of the reader.
         deployment: arguments of ``deployment.apply_deployment``.
         series: covariates to add to the record: files, columns and unit by name.
         neighbour: whose pressure gives the depth: ``table`` with time and pressure, or ``raw``, ``form``, ``reader``
             and ``deployment``; with ``name`` and ``depths_m`` of ``deployment.follow_neighbour``.
-
-    Raises:
-        InputError: a raw file cannot be read.
     """
-    settled = record_of(raw, form, reader, deployment, series, neighbour)
-    sources = provenance.hashes([*raw, *companions])
-    made = provenance.origin("record read", sources) | {netcdf.SOURCES: json.dumps(sources)}
-    netcdf.write_record(record, settled, attributes=made)
-    say(describe_record(mooring, role, settled))
-
-
-def record_of(
-    raw: Sequence[str],
-    form: str,
-    reader: Mapping[str, Any],
-    deployment: Mapping[str, Any],
-    series: Mapping[str, Mapping[str, Any]],
-    neighbour: Mapping[str, Any] | None = None,
-) -> Record:
-    """Return the record of one instrument; arguments and errors as for ``read``."""
     read = readers.read(form, list(map(Path, raw)), reader)
     if neighbour is not None:
         if "table" in neighbour:
@@ -97,60 +85,72 @@ def record_of(
 
 
 def overlap(
-    mooring: str,
-    *,
-    record: str,
-    references: Sequence[str],
-    observatory: Sequence[str],
-    ready: Sequence[str],
-    field: str,
-    pairs: str,
-    wide: str,
-    place: Mapping[str, Any],
-    rules: Mapping[str, Any],
-    columns: Mapping[str, Any] | None,
-    compasses: Sequence[Mapping[str, Any]],
-    say: Callable[[str], None],
-) -> None:
-    """Write the field along the deployment, the pairs by the rules, and pairs by rules for larger separations.
+    mooring: str, files: Files, say: Say, *, place: Settings, rules: Settings, columns: Settings | None,
+    compasses: Sequence[Settings],
+) -> None:  # fmt: skip
+    """Write the ``field`` along the deployment, and the ``pairs`` of the records, also ``wide`` ones, further apart.
+
+    A file of ``ready`` pairs replaces those of the records.
 
     Args:
-        observatory: IAGA-2002 files of one observatory, possibly none.
-        ready: file of ready-made pairs, which replace those of the records; empty if there is none.
         place: arguments of ``earthfield.field_along``.
         columns: headers or variables of the ready-made file by role, and ``scale``.
         compasses: arguments of ``reference_compass`` for each reference.
-
-    Raises:
-        InputError: a file of pairs or of an observatory cannot be read, or a date lies outside the model of the field.
     """
-    along = with_observatory_warnings(earthfield.field_along(**place), observatory)
-    write_json(field, vars(along))
-    along = earthfield.field_from_json(read_json(field))  # as every later stage reads it
+    along = with_observatory_warnings(earthfield.field_along(**place), files.observatory)
+    write_json(files.field, vars(along))
+    along = earthfield.field_from_json(read_json(files.field))  # as every later stage reads it
     say(earthfield.describe_field(mooring, along))
-    above, below = netcdf.read_record(record), [netcdf.read_record(file) for file in references]
-    # Named relative to the mooring's folder, so that the bytes of the file do not depend on its location.
-    sources = {f"work/{Path(file).name}": known for file, known in provenance.hashes([record, *references]).items()}
-    made = provenance.origin("pairs found", sources)
-    if ready and columns is not None:
-        rows = read_ready_pairs(Path(ready[0]), {role: columns[role] for role in PAIR_ROLES})
+    above = netcdf.read_record(files.record)
+    if files.ready and columns is not None:
+        rows = read_ready_pairs(Path(files.ready[0]), {role: columns[role] for role in PAIR_ROLES})
         matched = match_ready_pairs(rows, columns["scale"], above, along)
-        matched = replace(matched, compass=reference_compass("reference", along, magnetic=True))
-        known = provenance.hashes(ready)
-        made = provenance.origin("ready-made pairs read", known) | {netcdf.SOURCES: json.dumps(known)}
-        for file in (wide, pairs):
-            netcdf.write_pairs(file, matched, attributes=made)
-        say(describe_pairs(mooring, matched))
-        return
-    asked = PairRules(**rules)
-    each = [[reference] for reference in below] or [[]]
-    clocks = [estimate_clock_offset(above, reference, asked) for reference in each]
+        found = [replace(matched, compass=reference_compass("reference", along, magnetic=True))] * 2
+        sources = provenance.hashes(files.ready)
+        made = provenance.origin("ready-made pairs read", sources) | {netcdf.SOURCES: json.dumps(sources)}
+    else:
+        found = _find_pairs(above, files.references, along, PairRules(**rules), compasses)
+        # Named relative to the mooring's folder, so that the bytes of the file do not depend on its location.
+        hashes = provenance.hashes([files.record, *files.references])
+        made = provenance.origin("pairs found", {f"work/{Path(path).name}": known for path, known in hashes.items()})
+    for path, pairs in zip((files.wide, files.pairs), found, strict=True):
+        netcdf.write_pairs(path, pairs, attributes=made)
+    say(describe_pairs(mooring, found[-1]))
+
+
+def _find_pairs(
+    above: Record, references: Sequence[str], along: EarthField, rules: PairRules, compasses: Sequence[Settings]
+) -> list[Pairs]:
+    """Find the pairs with all references by wider rules and by the rules themselves."""
+    each = [[netcdf.read_record(path)] for path in references] or [[]]
+    clocks = [estimate_clock_offset(above, reference, rules) for reference in each]
     trusted: list[ReferenceCompass | None] = [reference_compass(field=along, **keys) for keys in compasses]
-    for file, by in ((wide, widen_rules(asked)), (pairs, asked)):
-        by_reference = [
-            replace(find_pairs(above, r, along, by, clock), compass=compass)
-            for r, clock, compass in zip(each, clocks, trusted or [None], strict=True)
-        ]
-        joined = join_references(by_reference, [Path(file).stem for file in references])
-        netcdf.write_pairs(file, joined, attributes=made)
-    say(describe_pairs(mooring, joined))
+    return [
+        join_references(
+            [
+                replace(find_pairs(above, reference, along, by, clock), compass=compass)
+                for reference, clock, compass in zip(each, clocks, trusted or [None], strict=True)
+            ],
+            [Path(path).stem for path in references],
+        )
+        for by in (widen_rules(rules), rules)
+    ]
+
+
+def simulate(files: Files, say: Say, *, name: str, seed: int) -> None:
+    """Write the ``raw`` files of a mooring, and the ``truth`` to a separate file."""
+    from compasslib.demo import concealed, demonstration
+
+    world = concealed if name in concealed.CASES else demonstration
+    made = [*files.raw, files.truth]
+    Path("raw").mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{name}", dir="raw") as temporary:
+        folder = Path(temporary)
+        world.write_mooring(name, folder / "raw", folder / files.truth, seed)
+        if missing := [file for file in made if not (folder / file).is_file()]:
+            advice, actual = "name the files as the simulation does", "one that it does not write"
+            raise InputError(missing[0], f"a raw file of the simulation of {name}", actual, advice)
+        for file in made:
+            Path(file).parent.mkdir(parents=True, exist_ok=True)
+            os.replace(folder / file, file)
+    say(f"{name}: simulated raw files written; the truth stands apart in {files.truth}")

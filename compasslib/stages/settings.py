@@ -6,7 +6,7 @@ files matters, it is a parameter too (``names``, ``parts``, ``heads``), as Snake
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,7 +15,6 @@ from compasslib import calibrations, plugins, readers
 from compasslib.archive import deposit
 from compasslib.calibrations import KINDS
 from compasslib.config import calibrations as configured
-from compasslib.config import compasses
 from compasslib.config.cruise import CALIBRATIONS, CONFIG, Cruise
 from compasslib.config.schema import Instrument, Mooring
 from compasslib.earthfield import parse_applied_declination
@@ -62,10 +61,10 @@ class Moorings:
 
     def companion_files(self, name: str, role: str) -> list[str]:
         """List the files besides the raw ones that the settings of an instrument's reading name."""
-        series = [file for each in self._series(name, role).values() for file in each["files"]]
         neighbour = self._neighbour(name, role) or {}
-        pressure = neighbour.get("raw", neighbour.get("table", {}).get("files", ()))
-        return [*self._instrument(name, role).pressure_files, *series, *pressure]
+        tables = [*self._series(name, role).values(), *([neighbour["table"]] if "table" in neighbour else [])]
+        files = [file for table in tables for file in table["files"]]
+        return [*self._instrument(name, role).pressure_files, *files, *neighbour.get("raw", [])]
 
     def ready_pairs(self, name: str) -> list[str]:
         """List the file of ready-made pairs, none where pairs are found by this software."""
@@ -129,7 +128,7 @@ class Moorings:
             "applied": {key: degrees for key, degrees in inside.items() if degrees},
         }
         columns = mooring.fit.columns.model_dump() if mooring.fit.columns else None
-        return {"place": place, "rules": rules, "columns": columns, "compasses": self._reference_compasses(name)}
+        return {"place": place, "rules": rules, "columns": columns, "compasses": _reference_compasses(mooring)}
 
     def fit(self, name: str) -> Arguments:
         """Return the arguments of the fit; those of ``at_mooring.compass_from_coefficients`` where they are given."""
@@ -167,37 +166,30 @@ class Moorings:
         mooring = self.mooring(name)
         return self.correct(name) | {
             "options": dict(mooring.product.model_dump(mode="json")),
-            "compasses": self._reference_compasses(name),
+            "compasses": _reference_compasses(mooring),
             "rotors": [mooring.instruments[role].kind == "rotor" for role in mooring.reference],
             "parts": self.parts(name),
         }
 
     def superseded(self, name: str) -> dict[str, Any] | None:
-        """Describe the deposit that the results of a mooring supersede; None where there is none.
+        """Describe the deposit that the results of a mooring supersede, with the hashes of the mooring's files in it.
 
-        Raises:
-            InputError: the configured file is not a deposit.
+        None where there is none.
         """
-        if not self.cruise.options.supersedes:
+        root, deposits = self.cruise.root, self.cruise.options.supersedes
+        if not deposits:
             return None
-        deposited = self.cruise.root / self.cruise.options.supersedes[0]
-        described = deposit.describe_superseded(
-            deposited, configuration(self.cruise)[f"mooring {name}"], self.cruise.root
-        )
-        return described | {"files": {file: described["files"].get(file) for file in self.given_files(name)}}
-
-    def given_files(self, name: str) -> list[str]:
-        """List all files that a mooring is made from."""
+        described = deposit.describe_superseded(root / deposits[0], configuration(self.cruise)[f"mooring {name}"], root)
         used = [self._instrument(each, role) for each in self.parts(name) for role in self.roles(each)]
         given = [file for each in used for file in (*each.files, *each.pressure_files)]
         given += [file for each in self.mooring(name).covariates.values() for file in each.files]
-        return given + [file for part in self.parts(name) for file in self.ready_pairs(part)]
+        given += [file for part in self.parts(name) for file in self.ready_pairs(part)]
+        return described | {"files": {file: described["files"].get(file) for file in given}}
 
     def serial_number(self, name: str, role: str) -> str | None:
         """Look up an instrument's serial number in its attributes, for the affected one in the mooring's too."""
         stated = self._instrument(name, role).attributes
-        known = self._attributes(name) if role == self.mooring(name).compromised else stated
-        return next((str(known[key]) for key in ("serial_number", "sensor_serial_number") if key in known), None)
+        return stated_serial_number(self._attributes(name) if role == self.mooring(name).compromised else stated)
 
     def _instrument(self, name: str, role: str) -> Instrument:
         return self.mooring(name).instruments[role]
@@ -249,19 +241,6 @@ class Moorings:
             "quality": {key: limits.get(key) if value is None else value for key, value in mooring.quality},
         }
         return {"form": instrument.format, "reader": reader, "deployment": deployment}
-
-    def _reference_compasses(self, name: str) -> list[Arguments]:
-        """List the arguments of ``deviation.reference.reference_compass`` for each reference."""
-        mooring = self.mooring(name)
-        return [
-            {
-                "name": role,
-                "sigma_deg": mooring.instruments[role].compass_sigma_deg,
-                "iron_nT": mooring.instruments[role].compass_iron_nT,
-                "magnetic": mooring.instruments[role].direction_reference == "magnetic",
-            }
-            for role in mooring.reference
-        ]
 
     def _sphere(self, name: str) -> bool:
         """Return whether iron near the affected instrument is declared."""
@@ -319,18 +298,13 @@ class Compasses:
     cruise: Cruise
 
     @cached_property
-    def members(self) -> dict[str, tuple[list[str], list[str]]]:
-        """Moorings and calibrations of each compass."""
-        return compasses.members(self.cruise.moorings, self.cruise.calibrations)
-
-    @cached_property
     def moorings(self) -> dict[str, str]:
         """The compass of each mooring that names one."""
-        return {mooring: name for name, (moorings, _) in self.members.items() for mooring in moorings}
+        return {mooring: name for name, (moorings, _) in self.cruise.compasses.items() for mooring in moorings}
 
     def combine_records(self, name: str) -> Arguments:
         """Return the smallest effect of interest, and the sphere or frame of each record, None if not stated."""
-        moorings, given = self.members[name]
+        moorings, given = self.cruise.compasses[name]
         moored = {mooring: self.cruise.moorings[mooring] for mooring in moorings}
         stated = {key: mooring.instruments[mooring.compromised].sphere for key, mooring in moored.items()}
         stated |= {key: self.cruise.calibrations[key].sphere for key in given}
@@ -344,14 +318,10 @@ def configuration(cruise: Cruise) -> dict[str, list[str]]:
     of_calibration = {name: f"{CALIBRATIONS}/{name}.yaml" for name in cruise.calibrations}
     files = {"": [CONFIG]} | {f"mooring {name}": [CONFIG, file] for name, file in of_mooring.items()}
     files |= {f"calibration {name}": [CONFIG, file] for name, file in of_calibration.items()}
-    for name, (moorings, given) in compasses.members(cruise.moorings, cruise.calibrations).items():
-        files[f"compass {name}"] = [
-            CONFIG,
-            *(of_mooring[key] for key in moorings),
-            *(of_calibration[key] for key in given),
-        ]
-    for site, names in Moorings(cruise).sites.items():
-        files[f"site {site}"] = [CONFIG, *(of_mooring[name] for name in names)]
+    joined = {f"compass {name}": members for name, members in cruise.compasses.items()}
+    joined |= {f"site {site}": (names, []) for site, names in Moorings(cruise).sites.items()}
+    for subject, (moorings, given) in joined.items():
+        files[subject] = [CONFIG, *(of_mooring[name] for name in moorings), *(of_calibration[name] for name in given)]
     return files
 
 
@@ -359,7 +329,7 @@ def needs(cruise: Cruise) -> Arguments:
     """Return the calibrations that each mooring needs, and the moorings and calibrations of each compass."""
     moorings = Moorings(cruise)
     needed = {name: moorings.calibrations(name) for name in cruise.moorings}
-    return {"needed": needed, "shared": Compasses(cruise).members}
+    return {"needed": needed, "shared": cruise.compasses}
 
 
 def used_instruments(mooring: Mooring) -> list[str]:
@@ -367,52 +337,48 @@ def used_instruments(mooring: Mooring) -> list[str]:
     return [mooring.compromised, *mooring.reference]
 
 
+def stated_serial_number(attributes: Mapping[str, Any]) -> str | None:
+    """Look up the serial number among the attributes of an instrument."""
+    return next((str(attributes[key]) for key in ("serial_number", "sensor_serial_number") if key in attributes), None)
+
+
 def report(cruise: Cruise) -> Arguments:
     """Describe the configuration for the report."""
 
     def described(mooring: Mooring, roles: Sequence[str]) -> str:
-        formats = {role: mooring.instruments[role].format for role in roles}
-        depths = {role: mooring.instruments[role].depth for role in roles}
-        each = [f"{role} ({formats[role]}" + (f", {m:g} m)" if m is not None else ")") for role, m in depths.items()]
+        used = [(role, mooring.instruments[role]) for role in roles]
+        depths = [f", {each.depth:g} m" if each.depth is not None else "" for _, each in used]
+        each = [f"{role} ({file.format}{depth})" for (role, file), depth in zip(used, depths, strict=True)]
         return ", ".join(each) or "none"
 
     moorings = {
         name: _place(mooring)
+        | {"start": mooring.start.isoformat(), "end": mooring.end.isoformat()}
         | {
-            "start": mooring.start.isoformat(),
-            "end": mooring.end.isoformat(),
             "instruments": {
                 "affected": described(mooring, [mooring.compromised]),
                 "reference": described(mooring, mooring.reference),
-            },
+            }
         }
         for name, mooring in cruise.moorings.items()
     }
-    return {
-        "attributes": cruise.options.attributes,
-        "moorings": moorings,
-        "calibrations": list(cruise.calibrations),
-        "compasses": list(compasses.members(cruise.moorings, cruise.calibrations)),
-    }
+    known = {"calibrations": list(cruise.calibrations), "compasses": list(cruise.compasses)}
+    return {"attributes": cruise.options.attributes, "moorings": moorings, **known}
 
 
 def array(cruise: Cruise) -> list[dict[str, Any]]:
     """Describe water depth and instruments of each mooring, with all of its affected instruments together."""
+    order = ("other", "affected", "reference")  # in which their symbols are drawn, the smallest last
     described = []
     for name, parts in cruise.whole.items():
         mooring = cruise.moorings[parts[0]]
-        roles = dict.fromkeys(mooring.reference, "reference")
+        roles = dict.fromkeys(mooring.instruments, "other") | dict.fromkeys(mooring.reference, "reference")
         roles |= {cruise.moorings[part].compromised: "affected" for part in parts}
-        instruments = [
-            {
-                "depth_m": None if each.format == "mmp_acm" else each.depth,
-                "orientation": each.orientation,
-                "role": roles.get(role, "other"),
-            }
-            for role, each in sorted(mooring.instruments.items())
-        ]
-        order = ("other", "affected", "reference")  # in which their symbols are drawn, the smallest last
-        instruments.sort(key=lambda each: order.index(str(each["role"])))
+        instruments = []
+        for each in sorted(mooring.instruments, key=lambda each: (order.index(roles[each]), each)):
+            instrument = mooring.instruments[each]
+            depth_m = None if instrument.format == "mmp_acm" else instrument.depth
+            instruments.append({"depth_m": depth_m, "orientation": instrument.orientation, "role": roles[each]})
         described.append({"name": name, "water_depth_m": mooring.water_depth, "instruments": instruments})
     return described
 
@@ -448,3 +414,16 @@ def check_cruise(cruise: Cruise) -> None:
 
 def _place(mooring: Mooring) -> dict[str, Any]:
     return {"latitude": mooring.latitude, "longitude": mooring.longitude, "water_depth_m": mooring.water_depth}
+
+
+def _reference_compasses(mooring: Mooring) -> list[Arguments]:
+    """List the arguments of ``deviation.reference.reference_compass`` for each reference."""
+    return [
+        {
+            "name": role,
+            "sigma_deg": each.compass_sigma_deg,
+            "iron_nT": each.compass_iron_nT,
+            "magnetic": each.direction_reference == "magnetic",
+        }
+        for role, each in ((role, mooring.instruments[role]) for role in mooring.reference)
+    ]

@@ -18,7 +18,7 @@ import pytest
 import yaml
 
 from compasslib import __version__
-from compasslib.archive import crate, deposit, provenance, verification
+from compasslib.archive import crate, deposit, provenance
 from compasslib.cli import main
 from compasslib.config import cruise as config
 from compasslib.config import schema, values
@@ -367,7 +367,7 @@ def test_file_that_no_job_wrote_is_reported(archive, where):
 
 
 def differing(archive: Path) -> list[str]:
-    return [f"{what}: {file}" for what, file, _ in verification.differences(archive, ["results/M1"])]
+    return [f"{what}: {file}" for what, file, _ in crate.differences(archive, ["results/M1"])]
 
 
 def without(page: dict, *kinds: str, name: str = "") -> dict:

@@ -148,7 +148,10 @@ def test_check_reads_unused_instruments_and_covariates(tmp_path, capsys):
     (folder / "raw/M1/current.csv").write_text("time,mA\n2001-09-04T00:00:00Z,3\n2001-09-04T01:00:00Z,4\n")
     assert main(["check", str(folder)]) == 1
     out, err = capsys.readouterr()
-    assert "M1: spare: raw/M1/spare.csv: column" in err and "covariates.pump: no value inside the deployment" in err
+    assert (
+        "M1: spare: raw/M1/spare.csv: column" in err
+        and "covariates.pump: raw/M1/current.csv: expected values inside the deployment" in err
+    )
     assert "  pump: table, 2 values, 2001-09-04 00:00 to 2001-09-04 01:00" in out
     assert out.splitlines()[-1] == "1 mooring: can run, 2 problems (stopped: M1)"
     (folder / "raw/M1/current.csv").write_text("time,mA\nyesterday,3\n")

@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from compasslib import readers
-from compasslib.config import calibrations, json_schema, schema, section
+from compasslib.config import calibrations, schema, section
 from compasslib.config import cruise as config
 from compasslib.errors import InputError
 from compasslib.stages.settings import Moorings
@@ -368,11 +368,8 @@ covariates: {obs: {format: iaga2002, files: raw/obs/*.min, unit: nT}} -> covaria
     heading: 3 -> instruments.top.heading
     sound_speed: {salinity: 43} -> instruments.top.sound_speed
     declination_applied: {heading: 3} -> instruments.top.declination_applied
-    format: netcdf\n    flags: {good: [1], bad: ['1']} -> instruments.top.flags
-    format: netcdf\n    flags: {} -> instruments.top.flags
     bin_size: 16 -> instruments.top.bin_size
     format: netcdf\n    columns: {x: s, y: d} -> instruments.top.columns.x
-    header: 1\n    skip_rows: 2 -> instruments.top.header
     exclude: {from: 2007-10-01, to: 2007-10-02} -> instruments.top.exclude
     exclude: [2007-10-01] -> instruments.top.exclude[0]
     exclude: [{from: 2007-10-01}] -> instruments.top.exclude[0].to
@@ -391,9 +388,7 @@ BAD_COLUMNS = r"""
 {time: t, east: u} -> columns
 {time: t, x: u, y: v} -> columns
 {time: t} -> columns
-{time: t, east: u, north: u} -> columns.north
 {time: t, east: 0, north: v} -> columns.east
-{time: [t, t], east: u, north: v} -> columns.time
 {time: [t], east: u, north: v} -> columns.time
 {time: t, east: u, north: v, tilt: w} -> columns.tilt
 [time_utc, u, v] -> columns
@@ -414,7 +409,6 @@ BAD_FILES = [
     ("name: EG4\nship: \x07\n", "line 2"),
     (b"name: Gr\xf6nland\n", ""),
     ("name: EG4\n".encode("utf-16"), ""),
-    ("#" * 1_000_001, ""),
     ("<<: {name: EG4}\n", "<<"),
 ]
 
@@ -561,8 +555,8 @@ def test_unprintable_file_names_are_refused(cruise: Path, name: bytes) -> None:
 
 
 def test_json_schemas_match_models_and_accept_all_configurations() -> None:
-    made = json_schema.schemas()
-    assert {path.name: path.read_text() for path in (ROOT / json_schema.FOLDER).iterdir()} == made, "run: make schema"
+    made = config.json_schemas()
+    assert {path.name: path.read_text() for path in (ROOT / config.SCHEMAS).iterdir()} == made, "run: make schema"
     folders = [ROOT / "config", *ROOT.glob("examples/*/config")]
     kinds = {"config": "config.yaml", "mooring": "moorings/*.yaml", "calibration": "calibrations/*.yaml"}
     for kind, pattern in kinds.items():

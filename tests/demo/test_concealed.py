@@ -14,10 +14,10 @@ import pytest
 from compasslib.archive import crate, netcdf
 from compasslib.archive.files import write_json
 from compasslib.demo import concealed
-from compasslib.stages import recordings as real
-from compasslib.stages.concealed import HeadingErrors, named_level
-from compasslib.stages.concealed import concealed as set_beside
-from compasslib.stages.recordings import describe
+from compasslib.stages import Files
+from compasslib.stages import demonstration as real
+from compasslib.stages.demonstration import HeadingErrors, describe, named_level
+from compasslib.stages.demonstration import concealed as set_beside
 from tests.world.launch import PROJECT, completed, snakemake
 from tests.world.sea import cruise
 
@@ -134,7 +134,7 @@ def test_the_page_compares_findings_with_planted_causes(processed):
     made = page.parent / "recordings.json"
     write_json(made, {"recordings": [describe(one) for one in real.RECORDINGS if one.name == "eight_headings"]})
     corrected = [str(page.parent / "C1/corrected.nc")]
-    set_beside(page=str(page), truths=truths, corrected=corrected, recordings=str(made), say=lines.append)
+    set_beside(Files(page=str(page), truths=truths, corrected=corrected, recordings=str(made)), lines.append)
     text = page.read_text()
     assert "a &lt;planted&gt; change" in text and "<planted>" not in text and "on 2007-09-10 at 00:00" in text
     assert "Its field: forward 12, starboard −3, down 4 nT." in text

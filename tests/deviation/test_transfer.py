@@ -15,9 +15,11 @@ from compasslib.deviation.model import (
     transfer_coefficients,
 )
 from compasslib.records import EarthField
+from compasslib.stages import Files
 from compasslib.stages import fit as fit_stage
 from tests.world.sea import pairs, record_of
 
+ENDS = {"record": "nc", "pairs": "nc", "field": "json", "fit": "json"}
 BREST, GREENLAND = FieldAtPlace(21000.0, 43000.0), FieldAtPlace(11980.0, 52078.0)
 ICELAND = FieldAtPlace(13300.0, 50200.0)
 SOFT = np.eye(3) + np.array([[0.02, 0.01, 0.05], [-0.01, -0.02, -0.03], [0.0, 0.0, 0.0]])
@@ -89,7 +91,6 @@ def test_a_mooring_in_a_weak_field_is_warned_of_at_sea_too(tmp_path, horizontal,
     netcdf.write_pairs(tmp_path / "pairs.nc", seen)
     netcdf.write_record(tmp_path / "record.nc", record_of(seen))
     write_json(tmp_path / "field.json", vars(along))
-    fit_stage.fit("M", record=tmp_path / "record.nc", pairs=tmp_path / "pairs.nc", field=tmp_path / "field.json",
-                  fit=tmp_path / "fit.json", method="exact", given=None, sphere=False,
-                  say=print)  # fmt: skip
+    files = Files(**{key: tmp_path / f"{key}.{end}" for key, end in ENDS.items()})
+    fit_stage.fit("M", files, print, method="exact", given=None, sphere=False)
     assert any("no correction is reliable" in text for text in read_json(tmp_path / "fit.json")["warnings"]) == warns

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from compasslib.archive import crate, verification
+from compasslib.archive import crate
 from compasslib.archive.files import read_json, write_json
 from compasslib.errors import InputError
 from tests.world.bench import readings, write_calibration
@@ -108,7 +108,7 @@ def test_stopped_moorings_stand_on_the_pages_and_in_the_manifest(stopped):
     failed = {one["name"]: one["error"] for one in actions if one["actionStatus"].endswith("FailedActionStatus")}
     assert set(failed) == {"mooring BAD", "mooring CARRIED", "mooring TURNED", "calibration bench"}
     assert all(failed[f"mooring {name}"] == row["warnings"] for name, row in rows(stopped).items() if name != "GOOD")
-    assert verification.differences(stopped, None) == []
+    assert crate.differences(stopped, None) == []
 
 
 def test_a_run_without_changes_makes_nothing_and_reports_the_same(first):
@@ -134,7 +134,7 @@ def test_one_product_can_be_requested(stopped, tmp_path, name, reason):
 def test_the_run_after_the_repair_is_complete(done):
     assert {row["verdict"] for row in rows(done).values()} == {"insufficient"}
     assert "stopped." not in (done / "results/report.html").read_text().split("</header>")[0]
-    assert not list((done / "results").rglob("stopped.json")) and verification.differences(done, None) == []
+    assert not list((done / "results").rglob("stopped.json")) and crate.differences(done, None) == []
     assert "Nothing to be done" in snakemake(done, "--dry-run").stdout
 
 
@@ -183,7 +183,7 @@ def test_program_error_fails_its_job_and_its_mooring_is_left_out_on_request(copi
     why = "BAD was left out of this run (--config without=BAD)"
     assert ran.returncode == 1 and errors(ran) == [f"error: mooring BAD: {why}"]
     assert rows(copied)["BAD"]["warnings"] == why and rows(copied)["GOOD"]["verdict"] == "insufficient"
-    assert why in (copied / "results/report.html").read_text() and verification.differences(copied, None) == []
+    assert why in (copied / "results/report.html").read_text() and crate.differences(copied, None) == []
     assert products(copied / "results/BAD") == {"stopped.json"}
 
     ran = snakemake(copied, drawn=False)

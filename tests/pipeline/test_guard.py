@@ -11,7 +11,6 @@ from compasslib.archive import provenance
 from compasslib.archive.files import HALF_WRITTEN
 from compasslib.errors import InputError
 from compasslib.pipeline import guard
-from compasslib.stages import simulate as stage
 
 RAW = ["raw/EG1/top.000", "raw/EG1/deep.000"]
 TRUTH = "truth/EG1.csv"
@@ -57,15 +56,6 @@ def test_messages_at_the_end_name_warnings_and_killed_jobs():
     assert guard.closing_text(started_s=2e10) == ""
 
 
-def test_results_without_metadata_are_told():
-    put("results/M1/logs/read_top.json", "{}")
-    said: list[str] = []
-    guard.check_results(said.append)
-    assert len(said) == 1 and "settings changed since they were made are not noticed" in said[0]
-    put(".snakemake/metadata/some")
-    guard.check_results(pytest.fail)
-
-
 def test_moorings_are_left_out_with_all_of_their_instruments():
     parts = ["M1/top", "M1/mid"]
     cruise = SimpleNamespace(
@@ -88,17 +78,14 @@ def demonstration(files: dict[str, list[str]], *, on: bool = True) -> SimpleName
 
 
 def may_write() -> bool:
-    return "EG1" in stage.to_simulate(demonstration({"EG1": RAW}))
+    return "EG1" in guard.to_simulate(demonstration({"EG1": RAW}))
 
 
-def simulate(content: str = "simulated", stop_after: int = 3) -> None:
-    """Write the simulated files, or only the first ``stop_after`` as if the job was killed."""
+def simulate(content: str = "simulated") -> None:
+    """Write the simulated files and their record, as the job does."""
     for file in [*RAW, TRUTH]:
-        Path(file).unlink(missing_ok=True)  # as Snakemake does before a job
-    with stage.put("EG1", [*RAW, TRUTH][:stop_after]) as folder:
-        for file in [*RAW, TRUTH]:
-            (folder / file).parent.mkdir(parents=True, exist_ok=True)
-            (folder / file).write_text(content + file)
+        put(file, content + file)
+    put("results/EG1/logs/simulate.json", json.dumps({"read": {}, "wrote": provenance.hashes([*RAW, TRUTH])}))
 
 
 def put(file: str, content: str = "measured") -> None:
@@ -107,7 +94,7 @@ def put(file: str, content: str = "measured") -> None:
 
 
 def test_nothing_is_simulated_outside_a_demonstration():
-    assert stage.to_simulate(demonstration({"EG1": RAW}, on=False)) == {}
+    assert guard.to_simulate(demonstration({"EG1": RAW}, on=False)) == {}
 
 
 def test_simulation_may_write_new_files_and_its_own():
@@ -116,11 +103,6 @@ def test_simulation_may_write_new_files_and_its_own():
     assert may_write() and Path(RAW[0]).read_text() == f"simulated{RAW[0]}"
     simulate("by another seed")
     assert may_write()
-
-
-def test_killed_simulation_recognizes_its_files():
-    simulate(stop_after=1)
-    assert Path(RAW[0]).exists() and not Path(RAW[1]).exists() and may_write()
 
 
 def test_complete_measured_files_are_only_read_unless_a_record_says_that_they_are_simulated():

@@ -14,11 +14,12 @@ import pytest
 import yaml
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from compasslib.archive import crate, verification
+from compasslib.archive import crate
 from compasslib.archive.files import read_json, write_json, write_reason
 from compasslib.deviation import METHODS, fit_deviation
 from compasslib.errors import InputError
 from compasslib.pipeline import process as processing
+from compasslib.stages import Files
 from compasslib.stages.cruise import usable
 from tests.world.launch import change, completed, environment, jobs_in, snakemake
 from tests.world.sea import START, cruise
@@ -155,7 +156,7 @@ def test_a_mooring_is_stopped_only_if_all_of_its_instruments_are(tmp_path, monke
     for field, reason in zip(fields, (None, why), strict=True):
         write_reason(field, why)
         Path("results/M1/gridded.nc").touch()
-        usable(**alone, moorings=fields, calibrations=[], usable="results/usable.json", say=print)
+        usable(Files(moorings=fields, calibrations=[], usable="results/usable.json"), print, **alone)
         found, there = read_json("results/usable.json"), {path.name for path in Path("results/M1").glob("*.*")}
         assert found["moorings"]["M1/top"] == why and found["compasses"] == {"c": reason}
         assert there == {"stopped.json" if reason else "gridded.nc"}
@@ -184,7 +185,7 @@ def test_a_shared_compass_is_combined_from_the_members_present(tmp_path, monkeyp
     assert read_json(there / "work/compasses/compass.json") == joined
     for file in ("deviation.json", "corrected.nc", "work/alone/summary.json"):
         assert (there / file).read_bytes() == (folder / "results/M1" / file).read_bytes()
-    assert "results/M1/work/alone/summary.json" in crate.listed(verification.read_manifest(folder))
+    assert "results/M1/work/alone/summary.json" in crate.listed(crate.read_manifest(folder))
 
 
 def half_done(folder: Path) -> list[Path]:

@@ -400,11 +400,6 @@ def test_deployments_of_a_site_are_joined_with_their_errors(written, tmp_path, d
         # The fixture's one mode stands for the declination, which is common; the random parts are not.
         everywhere = np.isfinite(both.velocity) & np.isfinite(both.east_sigma)
         assert 0.9 * sigma < both.sum_cells(everywhere / everywhere.sum(), 0.0)[1] < 1.1 * sigma
-    with netCDF4.Dataset(later, "a") as nc:
-        for name in ("DEPTH", "DEPTH_bnds"):
-            nc[name][:] = nc[name][:] + 3.0
-    with pytest.raises(InputError, match="site S: B: expected depths on the axis of A, 8 m apart"):
-        sites.join_daily(tmp_path / "other.nc", {"A": first, "B": later}, "S", {})
 
 
 def test_section_figures_are_drawn_with_and_without_velocities(written, tmp_path):

@@ -2,8 +2,8 @@
 
 import pytest
 
-from compasslib.stages import recordings as real
-from compasslib.stages.recordings import describe
+from compasslib.stages import demonstration as real
+from compasslib.stages.demonstration import describe
 
 RECORDINGS = {one.name: one for one in real.RECORDINGS}
 

@@ -16,7 +16,7 @@ import yaml
 from compasslib.archive.files import read_json
 from compasslib.cli import main
 from compasslib.config.cruise import load_cruise
-from compasslib.pipeline import keys
+from compasslib.pipeline import job
 from compasslib.stages import settings
 from tests.world.bench import BREST, readings, write_calibration
 from tests.world.launch import completed, hashes, snakemake
@@ -68,7 +68,7 @@ def stated(folder: Path) -> dict[Job, set[str]]:
     moorings, calibrations = [(name,) for name in cruise.moorings], [(name,) for name in cruise.calibrations]
     instruments = [(name, role) for name in cruise.moorings for role in of.roles(name)]
     carried = {(name,) for name in cruise.moorings if cruise.moorings[name].fit.method == "calibration"}
-    joined, of_compasses = {(name,) for name in shared.moorings}, [(name,) for name in shared.members]
+    joined, of_compasses = {(name,) for name in shared.moorings}, [(name,) for name in cruise.compasses]
     daily = {(name,) for name, files in of.gridded.items() if files[1:]}
     gridded, diagnosed = [(name,) for name in of.gridded], [(name,) for name in curves.diagnosed]
 
@@ -108,7 +108,7 @@ def stated(folder: Path) -> dict[Job, set[str]]:
         ("compare_calibrations", curves.compare_calibrations, calibrations, curves.compared_with),
         ("calibration_figures", drawn, calibrations, figures),
         ("diagnose_calibration", curves.diagnose, diagnosed, curves.raw_files),
-        ("combine_records", shared.combine_records, of_compasses, lambda name: map(str, shared.members[name])),
+        ("combine_records", shared.combine_records, of_compasses, lambda name: map(str, cruise.compasses[name])),
         ("joined_figures", drawn, of_compasses),
         ("usable", needed, [()], lambda: [*cruise.moorings, *cruise.calibrations]),
         ("summary", lambda: {"roles": {name: of.roles(name) for name in cruise.moorings}}, [()]),
@@ -118,7 +118,7 @@ def stated(folder: Path) -> dict[Job, set[str]]:
     ]
     return {
         (rule, *subject): {
-            *keys.flatten(arguments(*subject)).values(),
+            *job.flatten(arguments(*subject)).values(),
             *(x for each in files for x in each(*subject)),
         }
         for rule, arguments, subjects, *files in rules
@@ -342,7 +342,7 @@ def test_jobs_are_given_the_parameters_and_files_of_the_table(done):
     records = [read_json(path) for path in (done / "results").glob("**/logs/*.json")]
     for record in records:
         texts = given.get((FIGURES.sub("", record["rule"]), *record["of"].values()), set())
-        assert {text for text in texts if "=" in text} == {*keys.flatten(record["parameters"]).values()}
+        assert {text for text in texts if "=" in text} == {*job.flatten(record["parameters"]).values()}
         assert {text for text in texts if text.startswith(("raw/", "results/"))} <= record["read"].keys()
     assert given.keys() <= {(FIGURES.sub("", record["rule"]), *record["of"].values()) for record in records}
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from compasslib.archive import verification
+from compasslib.archive import crate
 from tests.world import conventions
 from tests.world.launch import PROJECT, change, completed, copied_project, hashes, keeps_contract, snakemake
 from tests.world.sea import cruise, real
@@ -79,7 +79,7 @@ def test_results_are_valid_for_copied_files_and_for_the_project_at_another_path(
     project = copied_project(tmp_path / "project", "compasslib", "workflow", "Snakefile")
     for where in (PROJECT, project):
         assert "Nothing to be done" in snakemake(done, "--dry-run", project=where).stdout
-    assert not verification.differences(done, None)
+    assert not crate.differences(done, None)
     (done / "results").unlink()
     shutil.move(tmp_path / "scratch", done / "results")
 

@@ -21,14 +21,14 @@ from tests.world.sea import SHARED
 PROJECT = Path(__file__).resolve().parents[2]
 CONTRACT = SHARED.parent / "tools/check_contract.py"
 UNDRAWN = """
+from dataclasses import replace
 from compasslib.archive.files import atomic_write
 from compasslib.stages import figures
 from PIL import Image
-def draw(subject, files, data):
-    for file in files:
-        with atomic_write(file) as temporary:
-            Image.new("RGB", (9, 9)).save(temporary, "PNG")
-figures._draw = draw
+def draw(file, data):
+    with atomic_write(file) as temporary:
+        Image.new("RGB", (9, 9)).save(temporary, "PNG")
+figures.FIGURES = {of: [replace(row, draw=draw) for row in rows] for of, rows in figures.FIGURES.items()}
 """
 
 

@@ -15,7 +15,7 @@ rule calibrate:
     benchmark:
         "results/calibrations/{calibration}/benchmarks/calibrate.tsv"
     params:
-        **parameters("calibrate.calibrate", CALIBRATIONS.calibrate, zip(CRUISE.calibrations)),
+        **parameters("fit.calibrate", CALIBRATIONS.calibrate, zip(CRUISE.calibrations)),
     script:
         "../scripts/stage.py"
 
@@ -34,7 +34,7 @@ rule compare_calibrations:
     log:
         "results/calibrations/{calibration}/logs/compare.log",
     params:
-        **parameters("calibrate.compare_calibrations", CALIBRATIONS.compare_calibrations, zip(CRUISE.calibrations)),
+        **parameters("fit.compare_calibrations", CALIBRATIONS.compare_calibrations, zip(CRUISE.calibrations)),
     script:
         "../scripts/stage.py"
 

@@ -3,7 +3,7 @@
 
 def parameters(stage, arguments=dict, subjects=((),)):
     """Compose the parameters of a rule: its stage, one "key=value" for each key used, and the hash of the library."""
-    return {"stage": stage, "library": LIBRARY} | keys.parameters(arguments, subjects)
+    return {"stage": stage, "library": LIBRARY} | job.parameters(arguments, subjects)
 
 
 def usable(kind):
@@ -11,7 +11,7 @@ def usable(kind):
     if workflow.dryrun:  # so that it lists all jobs, not only those before the checkpoint
         last = Path("results/usable.json")
         reasons = json.loads(last.read_text())[kind] if last.is_file() else {}
-        configured = {"moorings": CRUISE.moorings, "calibrations": CRUISE.calibrations, "compasses": COMPASSES.members}
+        configured = {"moorings": CRUISE.moorings, "calibrations": CRUISE.calibrations, "compasses": CRUISE.compasses}
         return [name for name in configured[kind] if reasons.get(name) is None and name not in WITHOUT.get(kind, [])]
     with checkpoints.usable.get().output.usable.open() as stream:
         return [name for name, reason in json.load(stream)[kind].items() if reason is None]

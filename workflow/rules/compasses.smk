@@ -4,8 +4,8 @@
 rule combine_records:
     """Combine the records of a compass: its iron and effects, rejected records, and the prior for each record."""
     input:
-        summaries=of_usable("moorings", "work/alone/summary.json", among=lambda compass: COMPASSES.members[compass][0]),
-        calibrations=of_usable("calibrations", "calibration.json", among=lambda compass: COMPASSES.members[compass][1]),
+        summaries=of_usable("moorings", "work/alone/summary.json", among=lambda compass: CRUISE.compasses[compass][0]),
+        calibrations=of_usable("calibrations", "calibration.json", among=lambda compass: CRUISE.compasses[compass][1]),
     output:
         joined="results/compasses/{compass}/compass.json",
         diagnosis="results/compasses/{compass}/diagnosis.json",
@@ -15,7 +15,7 @@ rule combine_records:
     benchmark:
         "results/compasses/{compass}/benchmarks/combine_records.tsv"
     params:
-        **parameters("diagnose.combine_records", COMPASSES.combine_records, zip(COMPASSES.members)),
+        **parameters("diagnose.combine_records", COMPASSES.combine_records, zip(CRUISE.compasses)),
     script:
         "../scripts/stage.py"
 

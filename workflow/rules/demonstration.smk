@@ -7,13 +7,13 @@ for NAME in SIMULATED:
             f"simulate_{NAME}"
         output:
             raw=SIMULATED[NAME],
-            truth=simulate.truth_file(NAME),
+            truth=guard.truth_file(NAME),
             job=f"results/{NAME}/logs/simulate.json",
         log:
             f"results/{NAME}/logs/simulate.log",
         priority: 1  # before all other jobs: a mooring simulated last would end on one core
         params:
-            **parameters("simulate.simulate", lambda name=NAME: {"name": name, "seed": CRUISE.options.seed}),
+            **parameters("read.simulate", lambda name=NAME: {"name": name, "seed": CRUISE.options.seed}),
         script:
             "../scripts/stage.py"
 
@@ -28,7 +28,7 @@ if CONCEALED:
         log:
             "results/logs/recordings.log",
         params:
-            **parameters("recordings.recordings"),
+            **parameters("demonstration.recordings"),
         script:
             "../scripts/stage.py"
 
@@ -37,7 +37,7 @@ if CONCEALED:
         """Compare the diagnoses of the moorings C1, C2, ... with the truth, which no other rule reads."""
         input:
             recordings="results/recordings.json",
-            truths=[simulate.truth_file(name) for name in CONCEALED],
+            truths=[guard.truth_file(name) for name in CONCEALED],
             corrected=of_usable("moorings", "corrected.nc", among=lambda: CONCEALED),
             diagnoses=of_usable("moorings", "deviation.json", "diagnosis.json", among=lambda: CONCEALED),
             shown=of_usable("moorings", "overlap.nc", "work/pictures.json", among=lambda: CONCEALED),
@@ -48,6 +48,6 @@ if CONCEALED:
             "results/logs/concealed.log",
         localrule: True
         params:
-            **parameters("concealed.concealed"),
+            **parameters("demonstration.concealed"),
         script:
             "../scripts/stage.py"

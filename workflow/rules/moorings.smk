@@ -201,7 +201,7 @@ rule grid:
     group:
         lambda wildcards: group_of_mooring(wildcards, "mooring")
     params:
-        **parameters("grid.grid", MOORINGS.grid, zip(CRUISE.whole)),
+        **parameters("correct.grid", MOORINGS.grid, zip(CRUISE.whole)),
     script:
         "../scripts/stage.py"
 
@@ -226,7 +226,7 @@ rule join_site:
         "results/sites/{site}/logs/join.log",
     localrule: True
     params:
-        **parameters("grid.join_site", MOORINGS.join_site, zip(MOORINGS.sites)),
+        **parameters("correct.join_site", MOORINGS.join_site, zip(MOORINGS.sites)),
     script:
         "../scripts/stage.py"
 

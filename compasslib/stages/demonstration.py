@@ -1,49 +1,202 @@
-"""Compare the results of the demonstration moorings whose errors are concealed with the truth."""
+"""Diagnose recordings of real compasses, and compare results of simulated moorings with the truth.
+
+The recordings are in ``demo/recordings/``, with their sources and licences. What a logger added to the raw axes is
+known from its log: without it the heading is wrong by the difference, and the logged heading is the truth.
+"""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from compasslib import angles
+from compasslib import angles, calibrations, earthfield
 from compasslib.archive import netcdf, provenance
-from compasslib.archive.files import embed_png, read_json, read_pictures
+from compasslib.archive.calibrations import StoredCalibration
+from compasslib.archive.files import embed_png, read_json, read_pictures, write_json
+from compasslib.calibrations import result
+from compasslib.calibrations.magnetometer import log as magnetometer_log
+from compasslib.calibrations.magnetometer.log import Log
+from compasslib.calibrations.result import DeviationTable
 from compasslib.deviation.correction import correct_headings, record_readings
 from compasslib.deviation.model import fit_from_json
-from compasslib.plots.diagnosis import draw_errors, error_reach
+from compasslib.inference import kinds, wording
+from compasslib.inference.comparison import Options
+from compasslib.inference.diagnosis import Diagnosis
+from compasslib.inference.kinds import magnetometer
+from compasslib.plots.calibrations import draw_deviation
+from compasslib.plots.diagnosis import count_outside, draw_diagnosis, draw_errors, error_reach
 from compasslib.preparation.references import combine_references
 from compasslib.records import BAD
 from compasslib.report import sections, words, write_page
 from compasslib.report.sections import ReportFigure
-from compasslib.stages.recordings import FOLDER
+from compasslib.stages import Files, Say
 from compasslib.statistics.resampling import NORMAL_95, block_sums, blocks_by_span
 from compasslib.types import DAY_S, Floats
 
+FOLDER = Path(__file__).parents[1] / "demo/recordings"
+OPTIONS = Options(surrogates=99)  # the fewest for a rank of 0.01
+RECORDED, CORRECTED = "as recorded", "corrected by the instrument, with its gyroscopes"
+WITHHELD, COMPLETE, SHIFTED = "tilt correction withheld", "nothing withheld", "withheld, and the tilts shifted in time"
 
-def concealed(
-    *, page: str, truths: Sequence[str], corrected: Sequence[str], recordings: str, say: Callable[[str], None]
-) -> None:
-    """Write the page of the comparison; this is the only stage that reads the truth.
 
-    Args:
-        truths: file of the truth of each mooring; those without a corrected record are left out.
+def recordings(files: Files, say: Say) -> None:
+    """Write what was found in each recording, as recorded or by what was withheld, beside what is known."""
+    content = [describe(recording) for recording in RECORDINGS]
+    write_json(files.made, {"recordings": content})
+    say(f"{files.made}: {len(content)} real recordings")
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording of a real compass, and what is known of it."""
+
+    name: str
+    title: str
+    concealed: str  # what is withheld, in words
+    truth: str  # how it is known; {} is the rms difference of logged heading and levelled axes
+    effects: Sequence[str]  # that should be named; without any, the recording should be refused
+    kind: str = "magnetometer"
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    remaining: Sequence[str] = ()  # effects that act on it even if nothing is withheld
+    control: str = ""  # column of headings that the instrument corrected itself
+
+    @property
+    def file(self) -> Path:
+        """Its numbers."""
+        return FOLDER / f"{self.name}.csv"
+
+    @property
+    def resolved(self) -> dict[str, Any]:
+        """Settings of its calibration."""
+        return earthfield.resolve_settings({"kind": self.kind, **self.settings})
+
+    def read_log(self) -> Log:
+        """Read the log of a magnetometer."""
+        log = magnetometer_log.read([self.file], self.settings)
+        return replace(log, axis_by_axis=bool(self.settings.get("axis_by_axis")))
+
+    def diagnose(self) -> dict[str, Diagnosis]:
+        """Diagnose the recording with a correction withheld, and its controls, by what was done to it."""
+        if self.kind != "magnetometer":
+            cases: dict[str, Any] = {RECORDED: {}}
+            if self.control:
+                cases[CORRECTED] = {"columns": {"recorded_deg": self.control}}
+            return {
+                what: kinds.diagnose(self.kind, [self.file], {**self.resolved, **columns}, OPTIONS)
+                for what, columns in cases.items()
+            }
+        log, diagnoses = self.read_log(), dict[str, Diagnosis]()
+        for what, variant in ((WITHHELD, lambda log: log), (COMPLETE, _levelled), (SHIFTED, _shifted)):
+            diagnoses[what] = magnetometer.diagnose_log(variant(log), field=None, options=OPTIONS)
+            if diagnoses[what].verdict == "insufficient":
+                break
+        return diagnoses
+
+    def as_expected(self, what: str, diagnosis: Diagnosis) -> bool:
+        """Return whether a case, named by what was done to the recording, ended as it should."""
+        named = {name for finding in diagnosis.findings for name in (finding.effect, *finding.alternatives)}
+        if not self.effects:
+            return diagnosis.verdict == "insufficient"
+        if what == SHIFTED:
+            return not {finding.driver for finding in diagnosis.findings} & {"pitch", "roll", "tilt"}
+        if what == COMPLETE:
+            return named <= {*self.remaining}
+        return not named & {*self.effects} if what == CORRECTED else named >= {*self.effects}
+
+
+def _levelled(log: Log) -> Log:
+    """Level the axes as the logger does, so that nothing is withheld."""
+    axes, *_ = magnetometer_log.search_axes(log)
+    return replace(log, raw=np.einsum("nij,nj->ni", log.levelling(), log.raw @ axes.T))
+
+
+def _shifted(log: Log) -> Log:
+    """Shift the tilts by half the log, so that they are no longer those that turned the heading.
+
+    The axes become direction cosines, whose heading is the same: their horizontal modulus, which is levelled with the
+    tilts, would follow the shifted ones.
     """
-    there = {Path(path).parent.name for path in corrected}
-    root, shown = Path(page).parent, [path for path in truths if Path(path).stem in there]
+    assert log.pitch_deg is not None and log.roll_deg is not None
+    half, cosines = len(log.raw) // 2, log.raw / np.linalg.norm(log.raw, axis=1, keepdims=True)
+    return replace(log, raw=cosines, pitch_deg=np.roll(log.pitch_deg, half), roll_deg=np.roll(log.roll_deg, half))
+
+
+def describe(recording: Recording) -> dict[str, Any]:
+    """Diagnose a recording and describe each case; of the first one, deviation or residual is drawn."""
+    diagnoses, figures, truth = recording.diagnose(), [], recording.truth
+    if recording.kind == "magnetometer":
+        truth = truth.format(f"{magnetometer_log.search_axes(recording.read_log())[1]:.2f}°")
+    first = next(iter(diagnoses.values())).to_json()
+    if first["curves"]:
+        what = "deviation" if recording.kind == "platform" else "residual"
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / f"{what}.png"
+            if what == "deviation":
+                settings = recording.resolved
+                made = calibrations.calibrate(recording.kind, [recording.file], settings)
+                table, page = made.table or DeviationTable(*np.zeros((3, 0))), result.to_json("", made, settings)
+                draw_deviation(file, StoredCalibration(page, table, made.points))
+            else:
+                draw_diagnosis(file, first, dated=False)
+            picture, (width, height) = embed_png(file)
+        figures.append({"what": what, "picture": picture, "width": width, "height": height})
+    proofs = {what: x.findings[0].held_out if x.findings else None for what, x in diagnoses.items()}
+    cases = [
+        {
+            "what": what,
+            "verdict": diagnosis.verdict,
+            "conclusion": conclude(diagnosis),
+            "expected": recording.as_expected(what, diagnosis),
+            "heldout_deg": None if (proof := proofs[what]) is None else [proof.rms_before_deg, proof.rms_after_deg],
+        }
+        for what, diagnosis in diagnoses.items()
+    ]
+    known = {"name": recording.name, "title": recording.title, "concealed": recording.concealed, "truth": truth}
+    found = {"cases": cases, "figures": figures, "outside": count_outside(first) if figures else None}
+    return known | {"effects": recording.effects} | found
+
+
+def conclude(diagnosis: Diagnosis) -> str:
+    """Say in a line what was named, with the probabilities, or why nothing was."""
+    if diagnosis.verdict == "insufficient":
+        return diagnosis.why
+    names = [
+        " or ".join(
+            f"{wording.display_name(name)} ({words.chance(probability)})"
+            for name, probability in {finding.named: finding.probability, **finding.alternatives_probability}.items()
+        )
+        for finding in diagnosis.findings
+    ]
+    if (left := diagnosis.unexplained) is not None:
+        along = " and ".join(name.replace("_", " ") for name in left.covariates)
+        names.append(f"a mismatch of {left.rms_effect_deg:.1f}° rms along {along} that no listed effect explains")
+    return "; ".join(names) or "no mismatch was noticed"
+
+
+RECORDINGS = tuple(Recording(**known) for known in read_json(FOLDER / "recordings.json"))
+
+
+def concealed(files: Files, say: Say) -> None:
+    """Write the ``page`` of the comparison; this is the only stage that reads the truth.
+
+    Moorings without a corrected record are left out.
+    """
+    there = {Path(path).parent.name for path in files.corrected}
+    root, shown = Path(files.page).parent, [path for path in files.truths if Path(path).stem in there]
     known = {Path(path).stem: read_json(path) for path in shown}
     errors = {name: heading_errors(truth, read_headings(root / name)) for name, truth in known.items()}
     reach = error_reach([error for x in errors.values() for error in (x.fit_deg, x.corrected_deg)])
     moorings = [reveal(name, root, truth, errors[name], reach) for name, truth in known.items()]
-    real, stored = read_json(recordings)["recordings"], read_json(FOLDER / "moored.json")
+    real, stored = read_json(files.recordings)["recordings"], read_json(FOLDER / "moored.json")
     rows = count_named(real, stored["moorings"], moorings)
     content = {"rows": rows, "real": real, "stored": stored, "moorings": moorings}
-    write_page(page, "concealed.html", **content, software=provenance.software())
-    say(f"{page}: {len(moorings)} moorings beside the truth")
+    write_page(files.page, "concealed.html", **content, software=provenance.software())
+    say(f"{files.page}: {len(moorings)} moorings beside the truth")
 
 
 def read_headings(folder: Path) -> dict[str, Floats]:
