@@ -301,7 +301,7 @@ class ObjectChange:
     name: str  # of the calibration
     distance_m: float  # compass to the object's centre
     change_deg: Floats  # (2,) of B and C relative to the bench without it
-    own: Floats  # (2, 2) covariance of the calibration with the object
+    covariance: Floats  # (2, 2) of the calibration with the object
     common: Floats  # (2, 2) covariance of the bench without it, whose error all changes have
 
     @property
@@ -309,18 +309,18 @@ class ObjectChange:
         """Length of the vector of changes and its standard uncertainty, degrees."""
         size = float(np.hypot(*self.change_deg))
         along = self.change_deg / max(size, 1e-12)
-        return size, float(np.sqrt(along @ (self.own + self.common) @ along))
+        return size, float(np.sqrt(along @ (self.covariance + self.common) @ along))
 
 
 def changes_by_object(without: Mapping[str, Any], others: Sequence[Mapping[str, Any]]) -> list[ObjectChange]:
     """Collect the changes of (B, C) by an object from calibrations that state its distance, nearest first."""
-    found = []
+    changes = []
     for content in others if without["coefficients"] else ():
         if content.get("object") and content["coefficients"]:
             change = np.array([content["coefficients"][k] - without["coefficients"][k] for k in "BC"])
-            own, common = (np.array(each["covariance"], dtype=float)[1:3, 1:3] for each in (content, without))
-            found.append(ObjectChange(content["name"], content["object"]["distance_m"], change, own, common))
-    return sorted(found, key=lambda each: each.distance_m)
+            covariance, common = (np.array(each["covariance"], dtype=float)[1:3, 1:3] for each in (content, without))
+            changes.append(ObjectChange(content["name"], content["object"]["distance_m"], change, covariance, common))
+    return sorted(changes, key=lambda each: each.distance_m)
 
 
 def describe_object(changes: Sequence[ObjectChange], size_m: float) -> dict[str, Any]:
@@ -375,7 +375,9 @@ def fit_fall(changes: Sequence[ObjectChange], exponent: ArrayLike) -> tuple[Floa
     The exponent n is a scalar or an array, whose shape precedes that of each result.
     """
     n = len(changes)
-    covariance = np.einsum("kl,kij->kilj", np.eye(n), [each.own for each in changes]) + changes[0].common[:, None]
+    covariance = (
+        np.einsum("kl,kij->kilj", np.eye(n), [each.covariance for each in changes]) + changes[0].common[:, None]
+    )
     precision = np.linalg.inv(covariance.reshape(2 * n, 2 * n)).reshape(n, 2, n, 2)
     observed = np.array([each.change_deg for each in changes])
     shares = np.array([each.distance_m for each in changes]) ** -np.asarray(exponent, dtype=float)[..., None]

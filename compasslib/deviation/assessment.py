@@ -122,13 +122,13 @@ def _contradicted(pairs: Pairs, fit: DeviationFit) -> str:
     """Report if the pairs show a significantly different compass than the given one; empty if they do not."""
     if not (fit.fitted and fit.known_beforehand and fit.covariance_known) or len(pairs) < 4 * MIN_PAIRS:
         return ""
-    if not (own := fit_exact(pairs)).fitted:
+    if not (refitted := fit_exact(pairs)).fitted:
         return ""
     # A is not compared: that of the pairs includes the mounting and the mean veer of the water.
-    off = np.subtract(own.coefficients, fit.coefficients)[1:5]
-    score = float(off @ np.linalg.solve(own.covariance[1:5, 1:5] + fit.covariance[1:5, 1:5], off))
+    off = np.subtract(refitted.coefficients, fit.coefficients)[1:5]
+    score = float(off @ np.linalg.solve(refitted.covariance[1:5, 1:5] + fit.covariance[1:5, 1:5], off))
     heading = np.arange(0.0, 360.0, 5.0)
-    curves = (compass.recorded_heading(each.coefficients, heading) for each in (own, fit))
+    curves = (compass.recorded_heading(each.coefficients, heading) for each in (refitted, fit))
     apart = angles.difference(*curves)
     size = angles.rms(angles.difference(apart, angles.mean(apart)))
     if score < 28.5 or size < 3.0:  # chi-squared with 4 degrees of freedom, p = 1e-5

@@ -98,10 +98,10 @@ def average_with_none(fit: DeviationFit) -> tuple[DeviationFit, float | None]:
     """
     if not has_average(fit):
         return fit, None
-    mean, covariance, kept, none = average_coefficients(fit.coefficients, fit.covariance, fit)
+    mean, covariance, response, none = average_coefficients(fit.coefficients, fit.covariance, fit)
     reference = fit.reference
     if reference is not None:  # a compass without deviation does not follow the reference's errors
-        reference = replace(reference, iron=kept @ reference.iron, share=1.0 - none)
+        reference = replace(reference, iron=response @ reference.iron, share=1.0 - none)
     return replace(fit, coefficients=mean, covariance=covariance, reference=reference), none
 
 
@@ -148,8 +148,8 @@ def average_coefficients(
     # The further parameters follow by their regression on A..E.
     slope = np.linalg.solve(spread_of_fit, covariance[:5]).T
     averaged = covariance + slope @ (np.einsum("k,kij->ij", weight, spread) - spread_of_fit) @ slope.T
-    kept = np.einsum("k,kij->ij", weight, gain)
-    return parameters + slope @ (mean - estimate), (averaged + averaged.T) / 2.0, kept, float(weight[0])
+    response = np.einsum("k,kij->ij", weight, gain)
+    return parameters + slope @ (mean - estimate), (averaged + averaged.T) / 2.0, response, float(weight[0])
 
 
 def _reference_covariance(fit: DeviationFit) -> tuple[Floats, Floats]:

@@ -105,17 +105,17 @@ def overlap(
     if files.ready and columns is not None:
         rows = read_ready_pairs(Path(files.ready[0]), {role: columns[role] for role in PAIR_ROLES})
         matched = match_ready_pairs(rows, columns["scale"], above, along)
-        found = [replace(matched, compass=reference_compass("reference", along, magnetic=True))] * 2
+        pairs_by_rules = [replace(matched, compass=reference_compass("reference", along, magnetic=True))] * 2
         sources = provenance.hashes(files.ready)
         made = provenance.origin("ready-made pairs read", sources) | {netcdf.SOURCES: json.dumps(sources)}
     else:
-        found = _find_pairs(above, files.references, along, PairRules(**rules), compasses)
+        pairs_by_rules = _find_pairs(above, files.references, along, PairRules(**rules), compasses)
         # Named relative to the mooring's folder, so that the bytes of the file do not depend on its location.
         hashes = provenance.hashes([files.record, *files.references])
         made = provenance.origin("pairs found", {f"work/{Path(path).name}": known for path, known in hashes.items()})
-    for path, pairs in zip((files.wide, files.pairs), found, strict=True):
+    for path, pairs in zip((files.wide, files.pairs), pairs_by_rules, strict=True):
         netcdf.write_pairs(path, pairs, attributes=made)
-    say(describe_pairs(mooring, found[-1]))
+    say(describe_pairs(mooring, pairs_by_rules[-1]))
 
 
 def _find_pairs(
