@@ -1,7 +1,4 @@
-"""``compass init``: draft the configuration files of a cruise from instrument exports; existing files are unchanged.
-
-The schema refuses DECIDE, the value of what the files do not tell; the comment on the same line gives the evidence.
-"""
+"""``compass init``: draft the configuration files of a cruise from instrument exports; existing files are unchanged."""
 
 from __future__ import annotations
 
@@ -9,28 +6,31 @@ import math
 import os
 import re
 from argparse import Namespace
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import cached_property
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
-from compasslib import angles, readers
+from compasslib import readers
+from compasslib.calibrations.swing import observations
 from compasslib.cli.results import print_warnings
+from compasslib.config import draft
 from compasslib.config.cruise import SCHEMAS, json_schemas
+from compasslib.config.draft import Drafted
+from compasslib.config.schema import KNOWN_SERIES
 from compasslib.config.values import DECIDE, shown
 from compasslib.errors import InputError
 from compasslib.preparation.deployment import apply_deployment
 from compasslib.preparation.pairs import ExplainedShare, compare_headings, is_affected
-from compasslib.readers import detect, nortek
+from compasslib.readers import detect, iaga2002, nmea, nortek
 from compasslib.readers.netcdf.variables import is_ocean_contour, read_position
-from compasslib.records import DEEPEST_M, Record, iso_time
-from compasslib.types import Floats
+from compasslib.readers.table import read_series
+from compasslib.records import DEEPEST_M, Record
 
 LEFT_OUT = ("config", "results")  # folders of a cruise that hold no exports
 NAMELESS = ("raw", "data", "exports", "")  # names of folders that do not name a mooring
@@ -48,78 +48,7 @@ UP, TRUE = {"orientation": "up"}, {"direction_reference": "true"}
 RETRIED: tuple[dict[str, str], ...] = ({}, UP, TRUE, UP | TRUE)
 
 TO_READ = "write one in a copy, or add it by hand with columns"
-SILENT = ("table", "acm_table", "mmp_acm")  # formats that never state whether directions are magnetic or true
-ORIENTED = ("pd0", "nortek", "netcdf", "ocean_contour", "mat", "rdi_text")  # formats that may state the orientation
-SCHEMA = "# yaml-language-server: $schema={}.json\n"
-CONFIG = f"""{SCHEMA.format("schema/config")}# Drafted by compass init; config/README.md of the pipeline has every key.
-moorings: config/moorings
-# A deposit asks for these four; they stand in every product:
-# attributes: {{license: ..., institution: ..., publisher_url: ..., principal_investigator: ...}}
-"""
-HEAD = f"# Drafted by compass init from the files. Replace every {DECIDE} by a value, then: compass check\n"
-UNITS = {
-    "orientation": "up or down; the files do not tell",
-    "direction_reference": "magnetic, or true where the directions hold the declination",
-    "bin_size": "m, from one bin that was sent to the next",
-    "first_bin": "m, from the transducer to the middle of the first bin",
-    "time_format": "as '%d/%m/%Y %H:%M' or '%m/%d/%Y %H:%M'",
-    "latitude": "degrees north",
-    "longitude": "degrees east, west negative",
-    "water_depth": "m",
-}
-Row = tuple[str, Any, str]  # key, value and comment; a comment alone has no key
-
-
-@dataclass(frozen=True)
-class Drafted:
-    """One instrument as found in its files."""
-
-    format: str
-    files: tuple[str, ...]  # relative to the cruise folder
-    keys: Mapping[str, Any]  # keys of the instrument other than format and files, as read; DECIDE if unknown
-    record: Record | None = None
-    trouble: str = ""  # reason why the files could not be read
-    north: str | None = None  # reference of directions in the header of a table
-    where: Mapping[str, float] = field(default_factory=dict)  # latitude, longitude, water depth, as far as stated
-
-    @cached_property
-    def in_water_s(self) -> tuple[float, float] | None:
-        """First and last time below half the median pressure or depth; None if they do not show the time in the water.
-
-        The median and the range must exceed 2 m.
-        """
-        for level in (self.record.pressure_dbar, self.record.depth_m) if self.record else ():
-            known = level[np.isfinite(level)]
-            if self.record and 2 * len(known) > len(level) and min(np.median(known), np.ptp(known)) > 2.0:
-                deep = self.record.time_s[level > np.median(known) / 2.0]
-                return float(deep.min()), float(deep.max())
-        return None
-
-    @cached_property
-    def span_s(self) -> tuple[float, float]:
-        """Begin and end of the time in the water, or else of the record; NaN without one."""
-        times = self.record.time_s[np.isfinite(self.record.time_s)] if self.record else np.zeros(0)
-        return self.in_water_s or ((float(times.min()), float(times.max())) if len(times) else (math.nan, math.nan))
-
-    @cached_property
-    def depths_m(self) -> Floats:
-        """Known depths, or else pressures, in the water."""
-        if self.record is None:
-            return np.zeros(0)
-        level = self.record.depth_m if np.isfinite(self.record.depth_m).any() else self.record.pressure_dbar
-        start, end = self.span_s
-        return level[(self.record.time_s >= start) & (self.record.time_s <= end) & np.isfinite(level)]
-
-    @property
-    def depth_m(self) -> float:
-        """Median depth, 0 if unknown."""
-        return max(float(np.median(self.depths_m)), 0.0) if self.depths_m.size else 0.0
-
-    @property
-    def sectors(self) -> int:
-        """Number of the 36 sectors that contain headings."""
-        headings = self.record.heading_deg if self.record else np.zeros(0)
-        return len(np.unique(headings[np.isfinite(headings)] // angles.SECTOR_DEG))
+TO_CARRY = "degrees north, where and when it was done: needed to carry it to a mooring"
 
 
 @dataclass
@@ -129,6 +58,9 @@ class Contents:
     root: Path  # cruise folder
     given: dict[str, float | None]  # latitude, longitude and water depth, as on the command line
     folders: dict[str, dict[str, Drafted]] = field(default_factory=dict)  # mooring or folder -> name -> instrument
+    calibrations: dict[str, str] = field(default_factory=dict)  # name -> text
+    # Keys of covariates by name, their mooring (None: all), and begin and end, UTC seconds.
+    series: dict[str, tuple[dict[str, Any], str | None, float, float]] = field(default_factory=dict)
     left: list[str] = field(default_factory=list)  # files that are not used, and why
 
     def inside(self, path: Path) -> str:
@@ -151,8 +83,9 @@ def init(asked: Namespace) -> int:
     paths = [path for path in listed if contents.inside(path).isprintable()]  # a YAML file cannot name others
     _sort(paths, asked.name, contents)
     texts = {f"config/moorings/{name}.yaml": text for name, text in _moorings(contents).items()}
-    config = {"config/config.yaml": CONFIG}
+    config = {"config/config.yaml": draft.CONFIG.format(moorings="config/moorings" if texts else "[]")}
     config |= {f"{SCHEMAS}/{name}": text for name, text in json_schemas().items()}
+    texts |= {f"config/calibrations/{name}.yaml": text for name, text in contents.calibrations.items()}
     unnamed = [path for path in listed if path not in paths]
     contents.left += [f"{shown(path.name)}: rename it in UTF-8, without control characters" for path in unnamed]
     left = [f"left out: {line}" for line in contents.left]
@@ -213,9 +146,10 @@ def _sort(paths: Sequence[Path], name: str | None, contents: Contents) -> None:
             contents.left.append(f"{path}: a table whose header names no known columns; {TO_READ}")
         elif table and table.kind == "pressure":
             companions.append(path)
+        elif table and table.kind == "series":
+            _add_series(path, table, mooring, contents)
         elif form in ("iaga2002", "nmea0183") or (table and table.kind != "instrument"):
-            what = f"a table of {table.kind} readings" if table else kind.name if kind else ""
-            contents.left.append(f"{path}: {what}; name it under covariates of a mooring, or in config/calibrations")
+            _add_calibration(path, form, table, contents)
         else:
             groups.setdefault((mooring, form, _stem(path, form)), []).append(path)
     for (mooring, form, stem), files in groups.items():
@@ -226,6 +160,63 @@ def _sort(paths: Sequence[Path], name: str | None, contents: Contents) -> None:
     profilers = {files[0].parent for (_, form, _), files in groups.items() if form == "mmp_acm"}
     alone = [path for path in companions if not COMPANION.search(path.name) and path.parent not in profilers]
     contents.left += [f"{path}: a table of pressure alone; {advice}" for path in alone]
+
+
+def _add_calibration(path: Path, form: str, table: detect.GuessedTable | None, contents: Contents) -> None:
+    """Add the series of an observatory, which is a covariate too, a log of a ship, or a table of readings.
+
+    A value is DECIDE where it is required and not known; an optional one is None, and a comment in the draft.
+    """
+    file, name = contents.inside(path), _free(_name(path.stem), contents.calibrations)
+    keys: dict[str, Any] = {"file": file}
+    comments = {"date": "when it was done", "longitude": draft.UNITS["longitude"]}
+    place = {key: contents.given[key] for key in ("latitude", "longitude")}
+    known = None not in place.values()
+    if form == "iaga2002":
+        kind, placed = "declination", True
+        contents.series["declination_observatory"] = ({"format": form, "files": [file]}, None, -math.inf, math.inf)
+        with suppress(InputError):  # compass check will report the error
+            series = iaga2002.read([path])
+            placed = bool(np.isfinite(series.latitude + series.longitude))
+        keys |= {} if placed else place if known else dict.fromkeys(place, DECIDE)
+        comments["latitude"] = "degrees north, of the observatory"
+    elif form == "nmea0183":
+        kind, parsed = "swing", nmea.read_any(path)
+        why = "no magnetic heading (HDG or HDM) with a course (RMC or VTG)"
+        gap = 360.0 if parsed is None else observations.widest_gap(parsed[2].heading_deg)
+        if parsed and gap > observations.REFUSED_GAP_DEG:
+            why = f"headings that leave {gap:.0f}° of the circle empty"
+        if parsed is None or gap > observations.REFUSED_GAP_DEG:
+            contents.left.append(f"{path}: an NMEA 0183 log with {why}: no swing")
+            return
+        columns, talkers, _ = parsed
+        keys |= {"format": form, **({"columns": columns} if columns else {})}
+        keys |= {"talker": DECIDE} if talkers else {}
+        comments["talker"] = f"{', '.join(talkers)} send headings; HC is a magnetic compass"
+    else:
+        assert table is not None
+        kind, columns = table.kind, {role: header for role, header in table.columns.items() if role != header}
+        unknown = DECIDE if kind == "swing" else None  # its courses are true, its compass magnetic
+        keys |= {"columns": columns} if columns else {}
+        keys |= place if known else dict.fromkeys(place, unknown)
+        keys |= {} if "time_utc" in table.columns and unknown else {"date": unknown}
+        comments["latitude"] = TO_CARRY
+    contents.calibrations[name] = draft.calibration(kind, keys, comments)
+
+
+def _add_series(path: Path, table: detect.GuessedTable, mooring: str, contents: Contents) -> None:
+    keys: dict[str, Any] = {"format": "table", "files": contents.inside(path), "columns": table.columns}
+    try:
+        time_s, _, _ = read_series({"files": [path], "columns": table.columns})
+    except InputError as error:
+        asked = dict.fromkeys(_named_keys(error, readers.TABLE_KEYS), DECIDE)
+        if not asked:
+            contents.left.append(str(error))
+            return
+        keys, time_s = keys | asked, np.array([-np.inf, np.inf])
+    name = _name(table.columns["value"])
+    name = _free(f"{name}_logged" if name in KNOWN_SERIES else name, contents.series)
+    contents.series[name] = (keys, mooring, float(time_s[0]), float(time_s[-1]))
 
 
 def _read(
@@ -252,7 +243,7 @@ def _read(
         if form == "netcdf":
             where = read_position(files[0])
         return Drafted(form, inside, keys, record, north=table.north if table else None, where=where)
-    north = form not in (*SILENT, "netcdf", "mat") or (table and table.north)
+    north = form not in (*draft.SILENT, "netcdf", "mat") or (table and table.north)
     unread = [] if north else ["direction_reference"]  # what the file says of it is not known yet
     return Drafted(form, inside, keys | dict.fromkeys([*sorted(asked), *unread], DECIDE), trouble=trouble)
 
@@ -267,12 +258,23 @@ def _moorings(contents: Contents) -> dict[str, str]:
     """Compose the file of each mooring: the instruments of a folder that recorded at the same time."""
     texts: dict[str, str] = {}
     for folder, instruments in contents.folders.items():
-        groups = _deployments(instruments)
+        groups, used = _deployments(instruments), set[str]()
         for group in groups:
-            start = min(each.span_s[0] for each in group.values())
+            start, end = min(each.span_s[0] for each in group.values()), max(each.span_s[1] for each in group.values())
             dated = len(groups) > 1 and math.isfinite(start)
             name = _free(f"{folder}_{datetime.fromtimestamp(start, UTC):%Y}" if dated else folder, texts)
-            texts[name] = _compose(name, group, _roles(group), contents.given)
+            series = {
+                key: keys
+                for key, (keys, of, begins, ends) in contents.series.items()
+                if of in (None, folder) and not (ends < start or begins > end)
+            }
+            used |= {*series}
+            texts[name] = draft.mooring(name, group, _roles(group), series, contents.given)
+        contents.left += [
+            f"{keys['files']}: no instrument of {folder} recorded at the time of this series"
+            for key, (keys, of, _, _) in contents.series.items()
+            if of == folder and key not in used
+        ]
     return texts
 
 
@@ -367,127 +369,3 @@ def _name(text: str) -> str:
 def _free(name: str, taken: Iterable[str]) -> str:
     used = set(taken)
     return next(first for k in range(1, 10000) if (first := name if k == 1 else f"{name}_{k}") not in used)
-
-
-# The text of a mooring file.
-
-
-def _compose(
-    name: str, group: Mapping[str, Drafted], roles: tuple[str | None, str, Sequence[str]],
-    given: Mapping[str, float | None],
-) -> str:  # fmt: skip
-    """Compose the text of config/moorings/NAME.yaml.
-
-    Args:
-        group: instruments that recorded at the same time.
-        roles: the affected one, None if the files do not show it, with the evidence, and possible references.
-        given: latitude, longitude and water depth, as far as the user gave them.
-    """
-    affected, evidence, others = roles
-    instruments = sorted(group.items(), key=lambda item: item[0] != affected)
-    lines = [
-        _line("name", name),
-        *_place([each.where for _, each in instruments], given),
-        *_window(list(group.values())),
-        _line("declination", "auto", "by IGRF at this place, along time; or degrees east"),
-        _line("compromised", affected or DECIDE, evidence),
-        _reference(affected, others),
-        "instruments:\n",
-        *(line for role, each in instruments for line in _instrument(role, each)),
-    ]
-    return "".join([SCHEMA.format("../schema/mooring"), HEAD, *lines])
-
-
-def _line(key: str, value: object, comment: str = "", indent: int = 0) -> str:
-    text = f"{' ' * indent}{key}: {_flow(value)}"
-    return f"{text}  # {comment}\n" if comment else f"{text}\n"
-
-
-def _flow(value: object) -> str:
-    text = yaml.safe_dump(value, default_flow_style=True, width=math.inf, allow_unicode=True, sort_keys=False)
-    return text.removesuffix("\n").removesuffix("\n...").removesuffix(os.linesep)
-
-
-def _place(stated: Sequence[Mapping[str, float]], given: Mapping[str, float | None]) -> Iterator[str]:
-    for key, value in given.items():
-        recorded = next((each[key] for each in stated if key in each), None)
-        if value is not None:
-            yield _line(key, value)
-        elif recorded is not None:
-            yield _line(key, recorded, f"{UNITS[key]}, as the file says")
-        else:
-            yield _line(key, DECIDE, UNITS[key])
-
-
-def _window(instruments: Iterable[Drafted]) -> list[str]:
-    """Draft start and end: the time in the water by pressure or depth, else DECIDE with the span of the records."""
-    submerged = [each.in_water_s for each in instruments if each.in_water_s]
-    spans = submerged or [each.span_s for each in instruments if not math.isnan(each.span_s[0])]
-    if not spans:
-        return [_line("start", DECIDE, "UTC, in the water"), _line("end", DECIDE, "UTC")]
-    start = iso_time(math.ceil(min(first for first, _ in spans)))
-    end = iso_time(math.floor(max(last for _, last in spans)))
-    if submerged:
-        return [_line("start", start, "in the water, by pressure or depth"), _line("end", end)]
-    return [
-        _line("start", DECIDE, f"UTC, in the water; the first sample is of {start}"),
-        _line("end", DECIDE, f"UTC; the last sample is of {end}"),
-    ]
-
-
-def _reference(affected: str | None, others: Sequence[str]) -> str:
-    if not others:
-        return "# reference: none recorded at the same time; without one only a calibration can correct\n"
-    if affected and len(others) == 1:
-        return _line("reference", others[0], "the other instrument that recorded at the same time")
-    return _line("reference", DECIDE, f"away from iron; one name or a list of names: {', '.join(others)}")
-
-
-def _instrument(name: str, drafted: Drafted, *, still_m: float = 0.3) -> list[str]:
-    """Draft an instrument; its depth is not stated if it changes by less than by tides and weather."""
-    depth: tuple[Any, str] = round(drafted.depth_m, 1), "m, the median of what it recorded"
-    if drafted.depth_m == 0.0:
-        depth = DECIDE, "m, of the transducer; the files do not tell"
-    elif (change := float(np.ptp(np.quantile(drafted.depths_m, [0.01, 0.99])))) < still_m:
-        found = f"m; recorded as {drafted.depth_m:.1f} with no change beyond {change:.2g}"
-        depth = DECIDE, f"{found}: entered, or its pressure is stuck"
-    rows: list[Row] = [
-        ("format", drafted.format, ""),
-        ("files", list(drafted.files) if len(drafted.files) > 1 else drafted.files[0], ""),
-        ("depth", *depth),
-        *(_directions(drafted, drafted.record) if drafted.record else []),
-    ]
-    keys = {key: value for key, value in drafted.keys.items() if key != "columns"}
-    rows += [(key, value, UNITS.get(key, "") if value == DECIDE else "") for key, value in keys.items()]
-    lines = [f"  {name}:\n", *([f"    # could not be read: {drafted.trouble}\n"] if drafted.trouble else [])]
-    lines += [_line(*row, indent=4) if row[0] else f"    # {row[2]}\n" for row in rows]
-    if columns := dict(drafted.keys.get("columns") or {}):
-        scale, comment = columns.pop("scale", DECIDE), "to m/s, by the headers"
-        lines += ["    columns:\n", *(_line(role, header, indent=6) for role, header in columns.items())]
-        if scale == DECIDE:
-            speed = np.hypot(drafted.record.east, drafted.record.north) if drafted.record else np.full(1, np.nan)
-            known = np.isfinite(speed).any()
-            median = f"; with 1 the median speed would be {np.nanmedian(speed):.3g} m/s" if known else ""
-            comment = f"to m/s, as 0.01 for cm/s{median}"
-        lines.append(_line("scale", scale, comment, indent=6))
-    if drafted.record and (number := drafted.record.serial_number):
-        lines.append(_line("attributes", {"serial_number": number}, indent=4))
-    return lines
-
-
-def _directions(drafted: Drafted, record: Record) -> list[Row]:
-    """Draft orientation, reference of directions and declination."""
-    rows: list[Row] = []
-    silent = drafted.format in SILENT
-    if drafted.format in ORIENTED and drafted.keys.get("orientation") != DECIDE:
-        rows.append(("orientation", "up" if record.looks_up else "down", "as the files say"))
-    north = drafted.north if silent else record.direction_reference
-    bias = 0.0 if silent else record.heading_bias_deg or record.velocity_bias_deg or 0.0
-    if north is None or "direction_reference" in record.unstated:
-        return [*rows, ("direction_reference", DECIDE, UNITS["direction_reference"])]
-    if north == "true" or silent or (drafted.format == "netcdf" and not bias):
-        return [*rows, ("direction_reference", north, "as the files say")]
-    if bias:  # a value here would override that of the file
-        return [*rows, ("", None, f"the file's heading bias or declination, {bias:+.2f}, is taken out")]
-    ask = "degrees east that are in the directions already, 0 for none; the files tell of none"
-    return [*rows, ("declination_applied", DECIDE, ask)]

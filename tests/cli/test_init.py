@@ -1,5 +1,7 @@
 """Would catch a draft that guesses what no file tells, or asks for what one does."""
 
+import functools
+import operator
 import os
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -10,7 +12,7 @@ import pytest
 import yaml
 
 from compasslib.cli import init, main
-from compasslib.cli.init import Drafted
+from compasslib.config.draft import Drafted
 from compasslib.readers import detect
 from tests.world import netcdf_layouts
 from tests.world.bench import readings, write_table
@@ -20,6 +22,21 @@ from tests.world.sea import cruise
 
 DATA = PROJECT.parent / "shared/data"
 PLACE = ("--latitude", "65.3333", "--longitude", "-32.955", "--water-depth", "894")
+
+
+def sentences(*bodies: str) -> str:
+    """Compose NMEA 0183 sentences with their checksums."""
+    return "".join(f"${body}*{functools.reduce(operator.xor, body.encode()):02X}\r\n" for body in bodies)
+
+
+def log(heading: str | None, course: str = "RMC", n: int = 72) -> str:
+    """Compose an NMEA log of a turn in n steps of 5 degrees."""
+    bodies = []
+    for k in range(n):
+        bodies += [heading.format(5 * k)] if heading else []
+        bodies += [f"GPRMC,18{k // 60:02d}{k % 60:02d},A,0854.0,S,14006.0,W,5.0,{5 * k}.0,031110,10.7,E"]
+        bodies += [f"GPVTG,{5 * k}.0,T,,M,5.0,N,9.3,K"] if course == "VTG" else []
+    return sentences(*bodies)
 
 
 def draft(folder: Path, name: str) -> dict:
@@ -99,18 +116,46 @@ def test_affected_instrument_is_chosen_by_heading_dependence(tmp_path, iron):
     assert seen in text
 
 
-def test_records_are_grouped_into_moorings_by_time_and_other_tables_left_out(tmp_path, capsys):
+def test_records_and_series_are_grouped_into_moorings_by_time(tmp_path, capsys):
     made = cruise(tmp_path / "made", n=50)
     table = (made / "raw/M1/deep.csv").read_text()
     (made / "raw/M1/later.csv").write_text(table.replace("2007-", "2011-"))
-    rows = [f"2007-09-04T0{k}:00:00Z,{k}" for k in range(9)]
-    (made / "raw/M1/pump.csv").write_text("\n".join(["time,pump_mA", *rows, ""]))
-    write_table(made / "raw/M1/aqd.csv", readings())
+    for year in (2007, 2011, 2015):
+        rows = [f"{year}-09-04T0{k}:00:00Z,{k}" for k in range(9)]
+        (made / f"raw/M1/pump{year}.csv").write_text("\n".join([f"time,pump{year}_mA", *rows, ""]))
     assert main(["init", str(made / "raw"), "--into", str(tmp_path / "new"), *PLACE]) == 0
     early, late = draft(tmp_path / "new", "M1_2007"), draft(tmp_path / "new", "M1_2011")
     assert set(early["instruments"]) == {"top", "deep"} and set(late["instruments"]) == {"later"}
-    told = capsys.readouterr().err
-    assert "pump.csv: a table of series readings" in told and "aqd.csv: a table of platform readings" in told
+    assert list(early["covariates"]) == ["pump2007_mA"] and list(late["covariates"]) == ["pump2011_mA"]
+    assert "pump2015.csv: no instrument of M1 recorded at the time of this series" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("content", "drafted"),
+    [
+        (log("HCHDG,{}.0,,,10.7,E", "RMC"), {"kind": "swing"}),
+        (log("HCHDM,{}.0,M", "RMC"), {"columns": {"compass_deg": "HDM", "cog_deg": "RMC"}}),
+        (log("HEHDT,{}.0,T", "RMC"), "no magnetic heading"),
+        (log(None, "VTG"), "no magnetic heading"),
+        (log("HCHDG,{}.0,,,10.7,E", "RMC", n=20), "of the circle empty: no swing"),
+        (
+            sentences("PNORS,011626,010336,00000000,3EC40002,23.7,1530.2,310.0,-40.8,84.3,0.0,23.32,0,0"),
+            "telemetry of a Nortek",
+        ),
+        (
+            sentences("PNORI1,4,123,4,20,0.2,1.0,ENU", "PNORC1,083013,132455,3,11.0,0.33,0.3,0.4,0.1"),
+            "telemetry of a Nortek",
+        ),
+    ],
+)
+def test_log_is_a_swing_only_with_magnetic_headings_all_round(tmp_path, capsys, content, drafted):
+    (tmp_path / "ship.nmea").write_text(content, newline="")
+    assert main(["init", str(tmp_path / "ship.nmea"), "--into", str(tmp_path / "new")]) == isinstance(drafted, str)
+    if isinstance(drafted, str):
+        assert drafted in capsys.readouterr().err
+    else:
+        found = yaml.safe_load((tmp_path / "new/config/calibrations/ship.yaml").read_text())
+        assert found | drafted == found
 
 
 def test_existing_files_are_not_overwritten(tmp_path, capsys):
@@ -131,6 +176,15 @@ def test_file_pieces_are_joined_and_unknown_files_skipped(tmp_path, capsys):
     assert main(["init", str(made / "raw"), "--into", str(tmp_path / "new"), *PLACE]) == 0
     assert draft(tmp_path / "new", "M1")["instruments"]["top"]["files"] == ["raw/M1/top.000", "raw/M1/top.001"]
     assert "photo.png: an image" in capsys.readouterr().err
+
+
+def test_bench_table_is_drafted_as_a_calibration(tmp_path, capsys):
+    table = write_table(tmp_path / "aqd.csv", readings())
+    assert main(["init", str(table), "--into", str(tmp_path / "new")]) == 0
+    text = (tmp_path / "new/config/calibrations/aqd.yaml").read_text()
+    assert yaml.safe_load(text)["kind"] == "platform"
+    capsys.readouterr()
+    assert main(["check", str(tmp_path / "new")]) == 0 and "aqd: platform" in capsys.readouterr().out
 
 
 def test_netcdf_provides_its_position_and_north_reference(tmp_path):
@@ -178,7 +232,7 @@ def test_ambiguous_header_is_not_recognized(header):
 
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"{DATA} is not there")
 def test_real_exports_are_drafted_with_their_metadata(tmp_path, capsys):
-    names = ("moored/aqd9330.aqd", "cruise_eh2/raw/E0/top.000")
+    names = ("moored/aqd9330.aqd", "cruise_eh2/raw/E0/top.000", "observatory/esk1980dhor.hor")
     files = [str(DATA / name) for name in names]
     assert main(["init", *files, "--into", str(tmp_path / "new"), "--name", "X", *PLACE]) == 0
     aquadopp, workhorse = draft(tmp_path / "new", "X_2011"), draft(tmp_path / "new", "X_2006")  # disjoint in time
@@ -186,6 +240,8 @@ def test_real_exports_are_drafted_with_their_metadata(tmp_path, capsys):
     assert instrument["format"] == "nortek" and instrument["attributes"] == {"serial_number": "AQD 9330"}
     assert workhorse["instruments"]["top"]["orientation"] == "down" and workhorse["start"] == "DECIDE"
     assert workhorse["compromised"] == "top" and "reference" not in workhorse
+    hourly = yaml.safe_load((tmp_path / "new/config/calibrations/esk1980dhor.yaml").read_text())
+    assert hourly["latitude"] == 65.3333  # as given, as its header has none
 
 
 @pytest.mark.parametrize("name", [b"t\xffop.000", b"t\nop.000"])

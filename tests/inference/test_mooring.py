@@ -14,7 +14,8 @@ from compasslib import angles, compass
 from compasslib.archive.files import read_json, write_json
 from compasslib.demo import demonstration
 from compasslib.deviation import fit_deviation
-from compasslib.deviation.model import nearest_root, pair_speeds, unfitted
+from compasslib.deviation.average import average_coefficients
+from compasslib.deviation.model import DeviationFit, nearest_root, pair_speeds, unfitted
 from compasslib.inference import covariates, diagnosis, long_record
 from compasslib.inference import finding as findings
 from compasslib.inference import product as products
@@ -127,10 +128,24 @@ def test_correction_removes_the_identified_effects(two):
     assert 0.2 < np.median(sigma) < 4.0
 
 
-def test_applied_covariance_is_not_smaller_than_that_of_the_fit(two):
+def test_applied_covariance_is_not_smaller_than_that_of_the_fit_with_the_same_priors(two):
     _, found = two
-    more = found.applied[0].compass.covariance[:5, :5] - found.fit.covariance[:5, :5]
-    assert np.linalg.eigvalsh(more).min() > -1e-9 * np.trace(found.fit.covariance)
+    of_fit = average_coefficients(found.fit.coefficients, found.fit.covariance, found.fit)[1]
+    more = found.applied[0].compass.covariance[:5, :5] - of_fit
+    assert np.linalg.eigvalsh(more).min() > -0.03 * np.trace(of_fit)
+
+
+def test_a_coefficient_that_an_effect_leaves_free_is_limited_by_its_prior():
+    fit = DeviationFit(
+        "exact", 1000, np.array([0.02, 0.0, -0.05, 0.0, 0.0]), np.diag([0.03, 0.02, 0.02, 0.01, 0.01]) ** 2
+    )
+    covariance = np.diag([0.15, 0.02, 0.02, 0.01, 0.01, 0.5]) ** 2
+    covariance[0, 5] = covariance[5, 0] = -0.9 * 0.15 * 0.5  # A beside an effect that turns all headings nearly alike
+    parameters = np.array([0.17, 0.0, -0.05, 0.0, 0.0, -1.0])
+    mean, averaged, _, _ = average_coefficients(parameters, covariance, fit)
+    assert abs(mean[0]) < 0.09 and averaged[0, 0] < 0.6 * covariance[0, 0]
+    assert mean[5] - parameters[5] == pytest.approx(-0.9 * 0.5 / 0.15 * (mean[0] - parameters[0]), rel=0.05)
+    assert averaged[5, 5] < covariance[5, 5] and np.linalg.eigvalsh(averaged).min() > 0.0
 
 
 def test_diagnosis_json_has_the_specified_keys(two, tmp_path):
