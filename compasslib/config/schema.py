@@ -199,6 +199,17 @@ class Columns(Section):
         """Select the headers or numbers of columns that are given, by role."""
         return {role: header for role, header in self if header is not None and role != "scale"}
 
+    @model_validator(mode="after")
+    def _no_header_twice(self) -> Self:  # a component given twice would turn all currents, within their flags
+        role_of: dict[str | int, str] = {}
+        for role, given in self.headers().items():
+            for header in given if isinstance(given, tuple) else (given,):
+                if header in role_of:
+                    actual = f"{shown(header)}, which {role_of[header]} has already"
+                    raise problem(role, "a column of its own", actual, "correct one of the two")
+                role_of[header] = role
+        return self
+
 
 class TableKeys(Section):
     """Format of a text table; whatever is unambiguous is detected automatically."""

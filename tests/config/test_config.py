@@ -386,6 +386,7 @@ BAD_COLUMNS = r"""
 {date: d, east: u, north: v} -> columns.time
 {time: t, date: d, clock: c, east: u, north: v} -> columns.time
 {time: t, east: u} -> columns
+{time: t, east: u, north: u} -> columns.north
 {time: t, x: u, y: v} -> columns
 {time: t} -> columns
 {time: t, east: 0, north: v} -> columns.east
