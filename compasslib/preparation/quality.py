@@ -190,7 +190,7 @@ def flag_quality(
     number = int(still.sum())
     note = f"{number} headings flagged: the compass stood still within 0.1 degrees for hours"
     record = replace(record, counts={**record.counts, "heading_stuck": number})
-    record = flag_headings(record, still, *[note] * (number > 0))
+    record = _flag_heading_fills(flag_headings(record, still, *[note] * (number > 0)))
     return _constant_sensors(flag_unit(record) if affected else record)
 
 
@@ -256,6 +256,33 @@ def _percent_good(record: Record) -> Floats:
     ordered = np.sort(percent, axis=2)
     error = np.asarray(record.profiles.get("error_velocity", percent[..., 0])[:])
     return np.where(np.isnan(error), ordered[..., 1], ordered[..., 0])
+
+
+def _flag_heading_fills(record: Record) -> Record:
+    """Flag headings of a value that a logger writes in place of a missing one: frequent, and far off before and after.
+
+    Arrivals at a value are counted, not samples: a compass that rests has no fill value. eh2, papa, aqd9330 and 200
+    simulated records lose no heading; without it, a fill value of 0 in every ninetieth sample passed as good.
+    """
+    known = np.flatnonzero(np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD))
+    heading = record.heading_deg[known]
+    distinct, place = np.unique(heading.round(2), return_inverse=True)
+    if len(distinct) < 24:
+        return record
+    count = np.bincount(place[np.append(True, place[1:] != place[:-1])], minlength=len(distinct))
+    k = int(np.argmax(count))
+    beside = np.sort(count[np.arange(k - 5, k + 6) % len(count)])[-2]
+    others = np.flatnonzero(place != k)
+    after = np.searchsorted(others, np.flatnonzero(place == k))
+    ends = [heading[others[np.clip(at, 0, len(others) - 1)]] for at in (after - 1, after)]
+    off = np.min([np.abs(angles.difference(end, distinct[k])) for end in ends], axis=0)
+    usual = float(np.median(np.abs(angles.difference(heading[1:], heading[:-1]))))
+    if count[k] < 6 + 3 * beside or np.median(off) <= min(2.0 * usual + 5.0, 45.0):
+        return record
+    flags = record.heading_quality.copy()
+    flags[known[place == k]] = BAD
+    note = f"{len(after)} headings flagged: they read {distinct[k]:.2f} degrees, a fill value far off those around"
+    return replace(record, heading_quality=flags, warnings=(*record.warnings, note))
 
 
 def _stuck(same: Bools, time_s: Floats) -> Bools:

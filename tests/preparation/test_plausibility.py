@@ -160,3 +160,13 @@ def test_headings_in_other_units_are_doubtful(change, words):
     assert flag_unit(sound) is sound
     found = flag_unit(replace(sound, heading_deg=change(heading).round(2)))
     assert words in found.warnings[-1] and (found.heading_quality == PROBABLY_BAD).all()
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_a_fill_value_among_headings_is_bad(free):
+    given = wake_locked(2000)
+    turned = np.random.default_rng(9).uniform(0.0, 360.0, 2000).round(2) if free else given.heading_deg
+    filled = np.arange(2000) % 90 == 7
+    found = flag_quality(replace(given, heading_deg=np.where(filled, 0.0, turned)), 500.0)
+    np.testing.assert_array_equal(found.heading_quality == BAD, filled)
+    assert "23 headings flagged: they read 0.00 degrees" in found.warnings[0]
