@@ -159,10 +159,8 @@ class _Headings:
         if not len(self.time_s):
             return np.full(len(leaders.time_s), np.nan)
         reader, settled = self.settings["reader"], self.settings["deployment"]
-        stated, deployed = (
-            parse_applied_declination(reader["declination_applied"]),
-            (settled["start_s"], settled["end_s"]),
-        )
+        stated = parse_applied_declination(reader["declination_applied"])
+        deployed = settled["start_s"], settled["end_s"]
         utc = to_utc(leaders.time_s, deployed, settled["clock_offset_seconds"], settled["clock_drift_seconds"])
         at = np.minimum(np.searchsorted(self.time_s, utc - same_s), len(self.time_s) - 1)
         bias = leaders.heading_bias_deg if stated is None else stated.heading

@@ -20,6 +20,7 @@ from compasslib import angles, compass
 from compasslib.deviation.curve import heading_sensitivity
 from compasslib.deviation.model import DeviationFit, covariance_sigma, nearest_root
 from compasslib.records import Readings
+from compasslib.statistics.least_squares import mixed_covariance
 from compasslib.types import Floats
 
 
@@ -144,10 +145,9 @@ def average_coefficients(
     mean = weight @ means
     unknown = np.eye(5) - gain  # the iron is not included: it has modes of its own
     spread = gain @ spread_of_fit @ gain.transpose(0, 2, 1) + unknown @ prior @ unknown.transpose(0, 2, 1)
-    spread += np.einsum("ki,kj->kij", means - mean, means - mean)
     # The further parameters follow by their regression on A..E.
     slope = np.linalg.solve(spread_of_fit, covariance[:5]).T
-    averaged = covariance + slope @ (np.einsum("k,kij->ij", weight, spread) - spread_of_fit) @ slope.T
+    averaged = covariance + slope @ (mixed_covariance(weight, means, spread) - spread_of_fit) @ slope.T
     response = np.einsum("k,kij->ij", weight, gain)
     return parameters + slope @ (mean - estimate), (averaged + averaged.T) / 2.0, response, float(weight[0])
 

@@ -40,9 +40,9 @@ from compasslib.inference.joint_compass import (
 )
 from compasslib.inference.linear_model import AMPLITUDES_DEG, Entered, Marginal, Products
 from compasslib.inference.product import AppliedCompass, CorrectionModel
-from compasslib.inference.search import Inference, mixed_covariance
+from compasslib.inference.search import Inference
 from compasslib.records import EarthField
-from compasslib.statistics.least_squares import robust_width
+from compasslib.statistics.least_squares import mixed_covariance, robust_width
 from compasslib.types import Floats
 
 SEASON_HARMONICS = (1, 2)  # annual and semiannual, as in the seasonal cycle of a climatology

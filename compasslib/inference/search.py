@@ -32,6 +32,7 @@ from compasslib.inference.places import (
     settle,
     with_likeliest_noise,
 )
+from compasslib.statistics.least_squares import mixed_covariance
 from compasslib.statistics.whitening import scaled_inverse
 from compasslib.types import Floats
 
@@ -201,14 +202,6 @@ class Inference(Settled):
         instead = [group for group, rival in self.rivals.items() if rival.option in combination]
         model = replace(self.model, slow=self.model.slow.without_current(frozenset[str]().union(*instead)))
         return fit_terms(self.fitted, model, [(k, entered[k]) for k in combination], self.slow_noise)
-
-
-def mixed_covariance(
-    weights: Sequence[float] | Floats, means: Sequence[Floats], covariances: Sequence[Floats]
-) -> Floats:
-    """Compute the covariance of a mixture of normal distributions, (k, k); the weights sum to 1."""
-    weight, off = np.array(weights), np.array(means) - np.array(weights) @ np.array(means)
-    return np.asarray(np.einsum("w,wij->ij", weight, np.array(covariances)) + (weight[:, None] * off).T @ off)
 
 
 def infer(initial: FittedModel, odds: float, surrogates: int) -> Inference:

@@ -261,8 +261,8 @@ def _percent_good(record: Record) -> Floats:
 def _flag_heading_fills(record: Record) -> Record:
     """Flag headings of a value that a logger writes in place of a missing one: frequent, and far off before and after.
 
-    Arrivals at a value are counted, not samples: a compass that rests has no fill value. eh2, papa, aqd9330 and 200
-    simulated records lose no heading; without it, a fill value of 0 in every ninetieth sample passed as good.
+    Arrivals at a value are counted, not samples: a compass that rests has no fill value. Two real records (eh2, papa)
+    lose no heading; with a 0 written into every 37th or 90th sample, they lose these and no other.
     """
     known = np.flatnonzero(np.isfinite(record.heading_deg) & (record.heading_quality < PROBABLY_BAD))
     heading = record.heading_deg[known]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -124,3 +124,11 @@ def gauss_newton(point: Any, *, rounds: int, close: float, worse: float) -> Any:
 def _cut(step: Floats, length: float) -> tuple[Floats, float]:
     share = min(1.0, MAX_STEP_DEG / max(length, 1e-12))
     return step * share, length * share
+
+
+def mixed_covariance(
+    weights: Sequence[float] | Floats, means: Sequence[Floats] | Floats, covariances: Sequence[Floats] | Floats
+) -> Floats:
+    """Compute the covariance of a mixture of normal distributions, (k, k); the weights sum to 1."""
+    weight, off = np.array(weights), np.array(means) - np.array(weights) @ np.array(means)
+    return np.asarray(np.einsum("w,wij->ij", weight, np.array(covariances)) + (weight[:, None] * off).T @ off)
