@@ -36,6 +36,7 @@ DRIFT, CHANGES = [EAST, NORTH], [EAST_CHANGE, NORTH_CHANGE]
 MAX_PRIOR_SHARE = 0.5  # drift counts as separated from B and C if the swing halves its prior width
 HARMONICS = (3, 4)  # of the heading, which compasses may have beyond the five terms
 COURSE, VISUAL, WATER = "course", "visual", "log"
+GNSS_KN = 0.1  # accuracy of a receiver's velocity, 0.05 m/s (data sheet of the u-blox NEO-M8)
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,10 @@ def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -
         for block in blocks:
             first = next(iter(noises.values())).sigma if noises else np.zeros(1)
             noises[block.name] = _estimate_noise(block, parameters, sigma, before.get(block.name), first)
+        for block in blocks:  # not to the marks, which have the scatter of the compass but no receiver
+            if block.speed_kn is not None:
+                least = GNSS_KN / block.speed_kn / angles.DEGREE
+                noises[block.name] = replace(noises[block.name], sigma=np.maximum(noises[block.name].sigma, least))
         for _ in range(3):
             prior = np.column_stack([np.diag(1.0 / sigma), (parameters - mean) / sigma])
             stacked = np.vstack([*(block.rows(parameters, noises[block.name]) for block in blocks), prior])
