@@ -111,7 +111,7 @@ def _lagged(x: Floats, time_s: Floats, constant_s: float) -> Floats:
     return np.interp(time_s, grid, autoregress(driver, [1.0, share - 1.0]))
 
 
-def _play(x: Floats, width: float) -> Floats:
+def play(x: Floats, width: float) -> Floats:
     """Apply a play operator (backlash) to a driver: the output stays until the driver moves it, (n,)."""
     half = width / 2.0
     follow = accumulate(x.tolist(), lambda at, now: min(max(at, now - half), now + half))
@@ -177,7 +177,7 @@ FORMS: Mapping[str, Form] = {
         formula="Σ p_k·(difference of x between low-pass filters of " + ", ".join(f"{h:g}" for h in BANDS_H) + " h)",
     ),
     "memory": Form(
-        lambda term, x, t: _play(x, term.width)[:, None], per_driver=True, places=(("width", "of the driver"),),
+        lambda term, x, t: play(x, term.width)[:, None], per_driver=True, places=(("width", "of the driver"),),
         words="with {} and the side that it comes from (hysteresis)",
         formula="p·x, x followed with a play of the width",
     ),

@@ -43,7 +43,7 @@ from compasslib.inference.evidence import (
     scale_option,
     with_shares,
 )
-from compasslib.inference.noise import CurrentPosterior, SlowNoise, SlowNoiseBasis, infer_current
+from compasslib.inference.noise import PLAYS, CurrentPosterior, SlowNoise, SlowNoiseBasis, infer_current
 from compasslib.statistics.resampling import EVEN_BLOCKS, blocks_by_span, cluster_variance_inflation
 from compasslib.statistics.whitening import sampling_interval_s, whitened_basis
 from compasslib.types import Floats
@@ -56,7 +56,6 @@ VALUES = ("temperature", "depth", "speed", "pitch", "roll", "tilt", "voltage")
 WITH_HISTORY = ("temperature", "depth", "voltage")  # whose effects may lag behind them; so does the current by speed
 OF_FIELD = ("time", "temperature", "depth", "speed", "pitch", "roll", "voltage")  # may magnetize iron, or move it
 OF_LOBES = ("time", "temperature", "depth", "speed")  # may bend a sensor's axes
-PLAYS = (1.0, 2.5)  # widths of hysteresis, standard deviations of the driver
 BOX_LENGTHS, BOX_STEP = (0.08, 0.16), 0.08  # of temporary offsets, as shares of the record
 LISTED = {  # compositions that classes of the catalogue represent
     *(("field_horizontal", driver, "linear") for driver in ("time", "temperature", "voltage")),

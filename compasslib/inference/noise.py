@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles
+from compasslib.effects.composed import play
 from compasslib.effects.effect import DAY_S, USUAL_DEG
 from compasslib.inference import covariates
 from compasslib.inference.comparison import TIDE_RESOLVING_STEP_S, LongComparison, tide_waves
@@ -38,6 +39,7 @@ LARGE_CURRENT = 2.0  # times its usual size: what the current can explain is not
 TIDE_SPAN_S = 3600.0  # averaging time of the speed, for the turn by tidal shear of USUAL_SHEAR_M_S per wave
 
 KNOTS = 6  # of the directional shear along speed or depth
+PLAYS = (1.0, 2.5)  # widths of hysteresis, standard deviations of the driver
 USUAL_TIDE_DEG = 2.0  # prior standard deviation of each sine and cosine of tidal directional shear
 PRESENT = 0.75  # probability from which a driver enters the noise of a refit: a Bayes factor of 3
 LEAN_SHARE = 0.05  # of the scatter of directions, prior standard deviation by tilt: the flow leans the instrument
@@ -196,8 +198,12 @@ def current_columns(comparison: LongComparison) -> dict[str, Floats]:
     columns: dict[str, list[Floats]] = {}
     for name in ("speed", "depth"):
         if name in comparison.covariates:
-            hats = covariates.hat_columns(comparison.covariates[name], KNOTS)
+            x = comparison.covariates[name]
+            hats = covariates.hat_columns(x, KNOTS)
             columns[name] = [USUAL_DEG * (hats - hats.mean(axis=0))]
+            # The current at a speed differs while it rises and while it falls, as in real water (eh2).
+            lagged = [play(x, width * float(np.std(x))) for width in PLAYS]
+            columns[name] += [USUAL_DEG * covariates.standardize(each)[:, None] for each in lagged if np.std(each)]
     leans = [comparison.scene.departures[name] for name in ("pitch", "roll") if name in comparison.covariates]
     usual_deg = LEAN_SHARE * float(np.median(comparison.expected_deg))
     columns["tilt"] = [usual_deg * covariates.standardize(lean)[:, None] for lean in leans if np.std(lean)]

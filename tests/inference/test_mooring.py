@@ -27,7 +27,7 @@ from tests.world import chain
 from tests.world import pairs as world
 from tests.world.diagnosed import HOURS, seen, state_of
 from tests.world.pairs import red_from_rest as red_noise
-from tests.world.sea import FOLDED, pairs, plain_record
+from tests.world.sea import FOLDED, pairs, plain_record, real
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -253,6 +253,14 @@ def test_a_turn_beyond_a_depth_threshold_is_attributed_to_depth():
     drawn = world.planted(world.make(6, wide=False, n=HOURS), {"depth_threshold": 3.5})
     found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options())
     assert {one.driver for one in (*found.findings, *found.current)} == {"depth"}
+
+
+def test_real_water_under_a_sound_compass_is_not_attributed_to_it(tmp_path):
+    """Recorded bins (eh2), whose current at a speed differs while it rises and while it falls."""
+    made = chain.run(Path(shutil.copytree(real("cruise_eh2"), tmp_path / "c")), "E0")
+    found, product = made["diagnosis"], made["product"]
+    assert not found["findings"] and [one["driver"] for one in found["current"]] == ["speed"]
+    assert angles.rms(angles.difference(product.heading_corrected_deg, product.record.heading_deg)) < 1.5
 
 
 def test_a_negligible_effect_counts_on_no_side():
