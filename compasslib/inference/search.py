@@ -222,9 +222,10 @@ def infer(initial: FittedModel, odds: float, surrogates: int) -> Inference:
         evidence = model.weigh(slow_noises, entered)
         detections = [*detections[: len(entered)], detect(model, evidence, entered, surrogates, seed + len(entered))]
         further = Place.weigh(evidence, odds, [k for k, _ in entered])
-        if not detections[-1].significant:
+        removed = kinds in visited  # the effect that entered did not hold once it was fitted
+        if removed or not detections[-1].significant:
             further = further.not_favoured(odds)
-        if len(entered) == MOST_EFFECTS or kinds in visited or not stands_out(detections[-1], further):
+        if removed or len(entered) == MOST_EFFECTS or not stands_out(detections[-1], further):
             break
         visited.add(kinds)
         k = further.likeliest(kinds)
