@@ -6,7 +6,7 @@ which the water flows. ``take`` selects samples, ``join_records`` joins the file
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -64,6 +64,7 @@ _BY_NAME = ("channels", "profiles")  # fields of a record that hold arrays by na
 NOT_CHECKED, GOOD, PROBABLY_GOOD, PROBABLY_BAD, BAD, MISSING = 0, 1, 2, 3, 4, 9
 LEAST_PERCENT_GOOD = 25  # of the pings, that readers require
 DEEPEST_M = 12000  # metres or dbar; no sea is deeper
+PIECE = 32_768  # samples whose velocities are processed at once: 10 MB per array with forty bins
 # Upward and error velocity, and for each beam echo intensity, correlation and percent good.
 PROFILES = ("up", "error_velocity", "echo", "correlation", "percent_good")
 
@@ -73,7 +74,8 @@ class Record:
     """Measurements of one instrument, as returned by a reader or prepared by ``apply_deployment``.
 
     Headings are as recorded by the compass, relative to magnetic north, without heading bias and declination;
-    velocities are rotated by the same heading, or to true north if ``direction_reference`` is ``true``.
+    velocities are rotated by the same heading, or to true north if ``direction_reference`` is ``true``. Of a stored
+    record, arrays of (n, m) are objects that load their rows on access, in float64, as by ``take``.
     """
 
     time_s: Floats  #: (n,) UTC seconds since 1970
@@ -272,11 +274,16 @@ class FieldSeries:
 
 def take(series: Series, which: NDArray[Any] | slice) -> Series:
     """Select samples of a record whose arrays all run along them, by indices, a mask or a slice."""
-    columns: dict[str, Any] = {k: column[which] for k, column in vars(series).items() if isinstance(column, np.ndarray)}
+    columns: dict[str, Any] = {k: column[which] for k, column in vars(series).items() if getattr(column, "ndim", 0)}
     for several in _BY_NAME:
         if shown := getattr(series, several, None):
             columns[several] = {name: column[which] for name, column in shown.items()}
     return replace(series, **columns)
+
+
+def pieces(count: int) -> Iterator[slice]:
+    """Divide samples into pieces of ``PIECE``, at least one."""
+    yield from (slice(begin, begin + PIECE) for begin in range(0, max(count, 1), PIECE))
 
 
 def join_records(records: Sequence[Record]) -> Record:

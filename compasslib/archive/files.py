@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from compasslib.archive.variables import BEAM, BIN, FILL, Variable, quality_variable
 from compasslib.errors import InputError, TransientError, Unusable
+from compasslib.records import pieces
 
 RERUN = "run the cruise again, or restore it from a copy"  # advice on a result that cannot be read
 HALF_WRITTEN = ".compasslib-part"  # suffix of a file being written, which no other program uses
@@ -226,13 +227,26 @@ class StoredVariable:
 
     path: str
     name: str
+    shape: tuple[int, ...]
 
-    def __getitem__(self, which: slice | NDArray[Any], /) -> NDArray[Any]:
-        """Read rows, with beams along the last axis and NaN for missing floating-point values."""
+    @property
+    def ndim(self) -> int:
+        return len(self.shape)
+
+    def __getitem__(self, which: slice | NDArray[np.intp], /) -> NDArray[Any]:
+        """Read rows as by ``read_variable``, with beams along the last axis."""
         with open_netcdf(self.path) as nc:
-            values = np.asarray(nc[self.name][which] if nc[self.name].ndim < 3 else nc[self.name][:, which])
-        values = np.moveaxis(values, 0, 2) if values.ndim == 3 else values
-        return np.where(values == FILL, np.nan, values) if values.dtype.kind == "f" else values
+            if self.ndim == 3:
+                return np.moveaxis(np.asarray(nc[self.name][:, which]), 0, 2)
+            if isinstance(which, slice):
+                return read_variable(nc, self.name, which)
+            values = np.empty(
+                (len(which), *self.shape[1:]), float if nc[self.name].dtype.kind == "f" else nc[self.name].dtype
+            )
+            for rows in pieces(self.shape[0]):  # the netCDF library reads single rows one by one
+                inside = (which >= rows.start) & (which < rows.stop)
+                values[inside] = read_variable(nc, self.name, rows)[which[inside] - rows.start]
+            return values
 
 
 def read_variable(nc: netCDF4.Dataset, name: str, rows: slice | None = None, bins: int | None = None) -> NDArray[Any]:

@@ -48,6 +48,7 @@ from compasslib.records import (
     Record,
     ReferenceCompass,
     SlowShear,
+    pieces,
 )
 from compasslib.types import DAY_S, Bools, Floats
 
@@ -70,22 +71,28 @@ def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, o
         for name in (field.name for field in fields(Record)):
             value = getattr(record, name)
             if name in RECORD and value is not None:
-                write_variable(nc, RECORD[name], value, level=0)
+                _write_pieces(nc, RECORD[name], value)
             elif name not in RECORD and name not in variables.NOT_STORED:
                 nc.setncattr(name, json.dumps(value, default=lambda number: number.item()))
         for name, series in record.channels.items():
             unit, meaning = record.channel_units.get(name, "1"), f"{name.replace('_', ' ')}, as logged or given"
             write_variable(nc, Variable(f"{variables.CHANNEL}{name}", meaning, unit), series, level=0)
         for name, profile in record.profiles.items():
-            values = _beams_first(profile[:])
-            shape = variables.BEAMS if values.ndim == 3 else variables.BINS
+            first = profile[:1]
+            shape = variables.BEAMS if first.ndim == 3 else variables.BINS
             variable = replace(CORRECTED[variables.PROFILES[name]], dimensions=shape, coordinates="")
-            if values.dtype == np.uint8:
+            if first.dtype == np.uint8:
                 bits = {**variable.also, "_Unsigned": "true"}
                 variable = replace(variable, dtype="i1", fill=None, valid=None, also=bits)
             else:
-                variable = replace(variable, dtype=values.dtype.str[1:])
-            write_variable(nc, variable, values, level=0)
+                variable = replace(variable, dtype=first.dtype.str[1:])
+            _write_pieces(nc, variable, profile)
+
+
+def _write_pieces(nc: netCDF4.Dataset, variable: Variable, values: Any) -> None:
+    """Write a variable along TIME piece by piece, as its copies in other types fill the memory."""
+    for rows in pieces(len(nc.dimensions["TIME"])):
+        write_variable(nc, variable, _beams_first(values[rows]), level=0, rows=rows)
 
 
 def _beams_first(values: NDArray[Any]) -> NDArray[Any]:
@@ -99,30 +106,32 @@ def _beams(record: Record) -> int:
 
 
 def read_record(path: str | Path, *, velocities: bool = True) -> Record:
-    """Read a record written by ``write_record``, without its profiles, which are large and rarely needed."""
-    bins = None if velocities else 0
+    """Read a record written by ``write_record``, without its profiles, and without any bins if not for ``velocities``.
+
+    Rows of its bins are read on access.
+    """
     with open_netcdf(path) as nc:
-        # Ranges are read before velocities to save memory: constant ones are reduced to one row.
-        ranges = read_variable(nc, RECORD["bin_range_m"].name, bins=bins)
-        if ranges.size and (ranges == ranges[0]).all():
-            ranges = np.broadcast_to(ranges[0].copy(), ranges.shape)
         content: dict[str, Any] = {
-            name: read_variable(nc, entry.name, bins=bins)
+            name: StoredVariable(str(path), entry.name, nc[entry.name].shape)
+            if velocities and nc[entry.name].ndim > 1
+            else read_variable(nc, entry.name, bins=0)
             for name, entry in RECORD.items()
-            if name != "bin_range_m" and (name != "tests" or entry.name in nc.variables)
+            if name != "tests" or entry.name in nc.variables
         }
         others = {field.name for field in fields(Record)} - {*RECORD} - variables.NOT_STORED
         content |= {name: json.loads(nc.getncattr(name)) for name in others & {*nc.ncattrs(), "counts", "warnings"}}
         channels = [name for name in nc.variables if name.startswith(variables.CHANNEL)]
         content["channels"] = {name.removeprefix(variables.CHANNEL): read_variable(nc, name) for name in channels}
-    return Record(**content | {"bin_range_m": ranges, "warnings": tuple(content["warnings"])})
+    return Record(**content | {"warnings": tuple(content["warnings"])})
 
 
 def read_profiles(path: str | Path) -> dict[str, Any]:
     """Open the profiles of a record written by ``write_record``; their rows are read on access."""
     with open_netcdf(path) as nc:
         return {
-            key: StoredVariable(str(path), name) for key, name in variables.PROFILES.items() if name in nc.variables
+            key: StoredVariable(str(path), name, nc[name].shape)
+            for key, name in variables.PROFILES.items()
+            if name in nc.variables
         }
 
 

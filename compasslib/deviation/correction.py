@@ -31,6 +31,7 @@ from compasslib.records import (
     Pairs,
     Readings,
     Record,
+    pieces,
     take,
 )
 from compasslib.statistics import single_threaded
@@ -39,7 +40,6 @@ from compasslib.types import Complexes, Floats
 
 Flags = NDArray[np.int8]
 
-PIECE = 32_768  # samples whose velocities are rotated at once: 10 MB per array with forty bins
 MIN_PROBABILITY = 0.95  # a heading is flagged if its branch is less probable
 
 
@@ -53,8 +53,7 @@ class CorrectedPieces:
     declination_deg: float  # standard deviation of the declination, where the headings do not include it
 
     def __iter__(self) -> Iterator[CorrectedRecord]:
-        for begin in range(0, max(len(self.record.time_s), 1), PIECE):
-            yield self.piece(slice(begin, begin + PIECE))
+        yield from map(self.piece, pieces(len(self.record.time_s)))
 
     def piece(self, stretch: slice) -> CorrectedRecord:
         """Rotate the velocities of some samples."""
@@ -222,10 +221,12 @@ def record_readings(record: Record) -> Readings:
     The water is the mean of the good bins of each sample, as a whole layer veers less from hour to hour than one bin.
     """
     heading = np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
-    good = (record.quality <= PROBABLY_GOOD) & np.isfinite(record.east) & np.isfinite(record.north)
-    count = good.sum(axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        east, north = (np.where(good, x, 0.0).sum(axis=1) / count for x in (record.east, record.north))
+    east, north = np.empty((2, len(record.time_s)))
+    for rows in pieces(len(record.time_s)):
+        flow = record.east[rows], record.north[rows]
+        good = (record.quality[rows] <= PROBABLY_GOOD) & np.isfinite(flow[0]) & np.isfinite(flow[1])
+        with np.errstate(invalid="ignore", divide="ignore"):
+            east[rows], north[rows] = (np.where(good, x, 0.0).sum(axis=1) / good.sum(axis=1) for x in flow)
     water = _to_body_frame(east, north, record.heading_deg)
     return Readings(record.time_s, heading, record.pitch_deg, record.roll_deg, water)
 

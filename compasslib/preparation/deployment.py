@@ -82,6 +82,8 @@ def apply_deployment(
         bad |= (record.time_s >= begin) & (record.time_s <= end)
     record = flag_velocities(record, bad[:, None], "excluded")
     record = replace(record, heading_quality=np.where(bad, BAD, record.heading_quality).astype(np.int8))
+    if not flags_by_hand:
+        return replace(record, counts=record.counts | {"flagged_by_hand": 0})
     flags, tests = record.quality.copy(), np.array(record.tests)
     for by_hand in flags_by_hand:
         within = (record.time_s >= by_hand["from_s"]) & (record.time_s <= by_hand["to_s"])

@@ -19,7 +19,7 @@ from compasslib.errors import InputError
 from compasslib.preparation.clocks import ClockOffset, compare_speeds, grid_indices, interpolate_series, nearest_index
 from compasslib.preparation.references import find_speed_changes
 from compasslib.preparation.water import fails_speed_check, predict_water, usable_velocities, veer_of_nearest_bins
-from compasslib.records import BAD, PROBABLY_GOOD, EarthField, Pairs, Record, take
+from compasslib.records import BAD, PROBABLY_GOOD, EarthField, Pairs, Record, pieces, take
 from compasslib.statistics import single_threaded
 from compasslib.statistics.resampling import block_sums, blocks_by_span
 from compasslib.types import DAY_S, Complexes, Floats
@@ -139,18 +139,22 @@ def describe_pairs(name: str, pairs: Pairs) -> str:
 
 def mean_of_nearest_bins(record: Record, distance_from: Floats, bins: int) -> tuple[Complexes, Floats]:
     """Average velocity and depth, (n,) each, of the good bins nearest to a range, (n,) m; NaN without good bins."""
-    away = record.bin_range_m - distance_from[:, None]
-    np.abs(away, out=away)
-    away[~usable_velocities(record)] = np.inf
-    count = min(bins, away.shape[1])
-    index = np.argpartition(away, count - 1, axis=1)[:, :count]
-    row = np.arange(len(away))[:, None]
-    weight = np.isfinite(away[row, index]).astype(float)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = weight / weight.sum(axis=1, keepdims=True)
-    velocity = np.where(weight > 0, record.east[row, index] + 1j * record.north[row, index], 0.0)
-    depth = np.where(weight > 0, record.bin_depth_m()[row, index], 0.0)
-    return (share * velocity).sum(axis=1), (share * depth).sum(axis=1)
+    velocity, depth = np.empty(len(record.time_s), dtype=complex), np.empty(len(record.time_s))
+    for rows in pieces(len(record.time_s)):
+        piece = take(record, rows)
+        away = piece.bin_range_m - distance_from[rows, None]
+        np.abs(away, out=away)
+        away[~usable_velocities(piece)] = np.inf
+        count = min(bins, away.shape[1])
+        index = np.argpartition(away, count - 1, axis=1)[:, :count]
+        row = np.arange(len(away))[:, None]
+        weight = np.isfinite(away[row, index]).astype(float)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            share = weight / weight.sum(axis=1, keepdims=True)
+        nearest = np.where(weight > 0, piece.east[row, index] + 1j * piece.north[row, index], 0.0)
+        at_m = np.where(weight > 0, piece.bin_depth_m()[row, index], 0.0)
+        velocity[rows], depth[rows] = (share * nearest).sum(axis=1), (share * at_m).sum(axis=1)
+    return velocity, depth
 
 
 def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
@@ -285,10 +289,14 @@ def _absent(upper: Record, trusted: Sequence[Record]) -> list[str]:
 
 def _unusable(record: Record, *, heading: bool) -> str:
     headings = np.isfinite(record.heading_deg) & (record.heading_quality <= PROBABLY_GOOD)
+    moving, usable = False, False
+    for piece in (take(record, rows) for rows in pieces(len(record.time_s))):
+        usable |= bool(usable_velocities(piece).any())
+        moving |= bool(np.nan_to_num(piece.east).any() or np.nan_to_num(piece.north).any())
     reasons = {
         "has no sample inside the deployment": not len(record.time_s),
-        "has no usable velocity": not usable_velocities(record).any(),
-        "has velocities of zero only": not (np.nan_to_num(record.east).any() or np.nan_to_num(record.north).any()),
+        "has no usable velocity": not usable,
+        "has velocities of zero only": not moving,
         "has no usable heading: is it the one with the compass to correct?": heading and not headings.any(),
         "has no depth": not np.isfinite(record.depth_m).any(),
     }

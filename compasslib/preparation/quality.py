@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.records import BAD, GOOD, LEAST_PERCENT_GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Record
+from compasslib.records import BAD, GOOD, LEAST_PERCENT_GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Record, pieces
 from compasslib.types import HOUR_S, Bools, Floats
 
 
@@ -57,10 +57,14 @@ class Check:
 
 def _third_beam(record: Record, profile: str) -> NDArray[np.int16]:
     """Compute the counts that three beams reach, as a velocity needs, (n, m); -1 is missing."""
-    counts = np.asarray(record.profiles[profile][:]).astype(np.int16)
-    counts[counts < 0] = np.iinfo(np.int16).max
-    counts.sort(axis=2)
-    return np.asarray(counts[..., max(counts.shape[2] - 3, 0)])
+    whole = np.asarray(record.profiles[profile][:])
+    third = np.empty(whole.shape[:2], dtype=np.int16)
+    for rows in pieces(len(whole)):
+        counts = whole[rows].astype(np.int16)
+        counts[counts < 0] = np.iinfo(np.int16).max
+        counts.sort(axis=2)
+        third[rows] = counts[..., max(counts.shape[2] - 3, 0)]
+    return third
 
 
 def _past_echo_jump(record: Record, most: float, _: float) -> Bools:
@@ -77,7 +81,7 @@ def _spikes(record: Record, most: float, _: float) -> Bools:
     The scale of each bin is 1.4826 times the median of the differences.
     """
     usable = record.quality <= PROBABLY_GOOD
-    flow = np.where(usable, record.east + 1j * record.north, complex(np.nan, np.nan))
+    flow = np.where(usable, record.east.astype(float) + 1j * record.north, complex(np.nan, np.nan))
     around = np.pad(flow, ((2, 2), (1, 1)), constant_values=complex(np.nan, np.nan))
     failed = np.zeros(usable.shape, dtype=bool)
     for k in np.flatnonzero(usable.any(axis=0)):
@@ -110,11 +114,16 @@ def _beyond(record: Record, _: None, water_depth: float) -> Bools:
 
 def _in_side_lobe(record: Record, wanted: bool, water_depth: float) -> Bools:
     """Find bins whose side-lobe echo of surface or bottom arrives with theirs, but not those beyond it."""
-    shared_ranges = not record.bin_range_m.strides[0]  # one row shared by all samples
-    steps = np.abs(np.diff(record.bin_range_m[:1] if shared_ranges else record.bin_range_m, axis=1))
+    steps = np.abs(_steps(record))
     cell_m = float(np.nanmedian(steps)) if np.isfinite(steps).any() else 0.0
     reach = _room(record, water_depth) * angles.sin_cos(record.beam_angle_deg)[1] - cell_m / 2.0
     return wanted & (record.bin_range_m > reach) & ~_beyond(record, None, water_depth) & (steps.size > 0)
+
+
+def _steps(record: Record) -> Floats:
+    """Compute the distances of successive bins, (n, m - 1) m, or (1, m - 1) where all samples share one row."""
+    shared = not record.bin_range_m.strides[0]
+    return np.diff(record.bin_range_m[:1] if shared else record.bin_range_m, axis=1)
 
 
 def _frozen(record: Record, _: None, water_depth: float) -> Bools:
@@ -156,7 +165,7 @@ CHECKS = (  # in the order of their bits
     Check("side_lobe", "imos_side_lobe", _in_side_lobe, threshold="side_lobe"),
     Check("beyond_boundary", "beyond_surface_or_bottom", _beyond),
     Check("bins_without_length", "bins_without_length",  # as where the cell length was lost
-          lambda record, _, depth: (np.diff(record.bin_range_m, axis=1) == 0.0).any(axis=1)[:, None],
+          lambda record, _, depth: (_steps(record) == 0.0).any(axis=1)[:, None],
           sentence="bins of no length, whose depths nothing tells"),
     Check("excluded", "excluded_by_operator"),
     Check("heading", "heading"),
@@ -197,8 +206,10 @@ def flag_quality(
 def flag_velocities(record: Record, where: Bools, count: str, sentence: str = "") -> Record:
     """Flag velocities as bad that were good or probably good, count them, and warn if a sentence describes them."""
     failed = np.broadcast_to(where, record.quality.shape) & (record.quality != MISSING)
-    before = np.zeros(failed.shape, dtype=np.int32) if record.tests is None else record.tests
-    tests = np.where(failed, before | MASKS[count], before).astype(np.int32)
+    tests = np.zeros(failed.shape, dtype=np.int32) if record.tests is None else record.tests
+    if failed.any():
+        tests = tests.copy()
+        tests[failed] |= MASKS[count]
     hit = failed & (record.quality <= PROBABLY_GOOD)
     number = int(np.sum(hit))
     share = float(f"{100.0 * number / max(hit.size, 1):.2g}")  # without exponent

@@ -212,7 +212,8 @@ def find_speed_changes(pairs: Pairs, upper: Record) -> Pairs:
 def _changes(speed: Floats, other: Floats, windows: Sequence[NDArray[np.intp]], lasts: int) -> Floats:
     """Compute the log of the ratio of mean speeds in windows, less its median in the first quarter, (w, k)."""
     both = np.isfinite(speed + other)
-    sums = [np.array([np.where(both, x, 0.0)[rows].sum(axis=0) for rows in windows]) for x in (speed, other)]
+    known = [np.where(both, x, 0.0) for x in (speed, other)]
+    sums = [np.array([x[rows].sum(axis=0) for rows in windows]) for x in known]
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.log(sums[0] / sums[1])
     first = max(len(windows) // 4, lasts)

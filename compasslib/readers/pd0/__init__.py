@@ -11,7 +11,6 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from compasslib.readers import files
 from compasslib.readers.pd0 import currents, fields
 from compasslib.readers.pd0.currents import Settings, looks_up
 from compasslib.readers.pd0.fields import COUNTS, DROPPED, STRAY, Coordinates, Ensembles
-from compasslib.readers.pd0.frames import Skipped, batches, find_ensembles
+from compasslib.readers.pd0.frames import EnsembleRun, Skipped, batches, find_ensembles
 from compasslib.readers.times import describe_averages
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Flags, Record
 from compasslib.types import DAY_S, Floats
@@ -32,15 +31,18 @@ from compasslib.types import DAY_S, Floats
 ADVICE = "give each recording as a file of its own"
 FOUR = "export its four slanted beams, or give the velocities as a table"
 Columns = dict[str, NDArray[Any]]  # by name, (n, m, ...) each
+# Profiles that a record keeps. Velocities are computed in float64.
+PROFILES = {"east": "f4", "north": "f4", "up": "f4", "error_velocity": "f4", "quality": "i1"} | dict.fromkeys(
+    COUNTS, "4u1"
+)
 
 
 @dataclass(frozen=True, eq=False)
 class _File:
-    """Content of one file, in batches."""
+    """Leaders of one file, in batches whose profiles are decoded later, straight to the arrays of the record."""
 
+    batches: list[list[EnsembleRun]]
     leaders: list[Ensembles]  # without profiles
-    columns: list[Columns]  # profiles of the record
-    echo: list[Floats]  # (n,) mean of the two nearest bins, low where water is clear
     counts: dict[str, int]
     warnings: tuple[str, ...]
 
@@ -100,47 +102,32 @@ def _refuse_empty(path: str | Path, count: int, dropped: Counter[str]) -> None:
 
 
 def _read_file(path: Path, settings: Settings) -> _File:
-    """Read one file in batches, of which only the profiles that a record has are kept."""
+    """Read the leaders of one file in batches."""
     runs, skipped, escaped = find_ensembles(path)
     size, widest, dropped = Path(path).stat().st_size, 0, Counter[str]()
-    content = _File([], [], [], {"three_beam": 0, "ensembles": 0}, ())
+    content = _File([], [], {"three_beam": 0, "ensembles": 0}, ())
     counts = content.counts
     for batch in batches(runs):
-        ensembles, left_out = fields.decode_runs(batch)
+        leaders, left_out = fields.decode_runs(batch, profiles=False)
         dropped += left_out
-        if ensembles is None:
+        if leaders is None:
             continue
-        aligned = ensembles.heading_alignment_deg
+        aligned = leaders.heading_alignment_deg
         refuse_alignment(f"{path}: heading alignment EA", aligned, settings.heading_alignment)
-        is_earth = bool((ensembles.coordinates == Coordinates.EARTH).all())
+        is_earth = bool((leaders.coordinates == Coordinates.EARTH).all())
         refuse_rotation(str(path), settings.declination_applied, is_earth=is_earth)
-        east, north, up, error, three_beam = currents.compute_currents(ensembles, settings)
-        columns = {"east": east, "north": north, "quality": currents.flag_currents(ensembles, east, north)}
-        columns |= {"up": up.astype(np.float32), "error_velocity": error.astype(np.float32)}
-        columns |= {name: getattr(ensembles, name) for name in COUNTS}
-        near = ensembles.echo[:, :2].astype(float)
-        near = np.where(near.any(axis=(1, 2)), near.mean(axis=(1, 2)), np.nan)
-        none, no_counts = np.empty((len(ensembles), 0, 4)), np.empty((len(ensembles), 0, 4), np.uint8)
-        content.leaders.append(
-            replace(ensembles, velocity=none, echo=no_counts, correlation=no_counts, percent_good=no_counts)
-        )
-        content.columns.append(columns)
-        content.echo.append(near)
-        counts["three_beam"] += three_beam
-        counts["ensembles"] += len(ensembles)
-        widest = max(widest, east.shape[1])
-        _refuse_padding(str(path), columns, counts["ensembles"], widest, size)
+        content.batches.append(batch)
+        content.leaders.append(leaders)
+        counts["ensembles"] += len(leaders)
+        widest = max(widest, int(leaders.cells.max()))
+        _refuse_padding(str(path), counts["ensembles"], widest, size)
     _refuse_empty(path, counts["ensembles"], dropped)
     failed, whole = sum(each.failed for each in skipped), counts["ensembles"] + dropped.total()
     files.refuse_mostly_damaged(path, "PD0 ensembles", damaged=failed, whole=whole)
-    if not any(columns["percent_good"].any() for columns in content.columns):
-        # An all-zero percent-good block was never filled, and says nothing about the velocities.
-        for columns in content.columns:
-            columns["quality"][columns["quality"] == BAD] = GOOD
     counts |= {reason: dropped[reason] for reason in DROPPED}
     counts["damaged"] = sum(each.damaged for each in skipped)
     counts["bytes_skipped"] = sum(each.length for each in skipped)
-    counts["bytes_total"] = counts["bytes_skipped"] + sum(run.rows.size for run in runs)
+    counts["bytes_total"] = counts["bytes_skipped"] + sum(run.size for run in runs)
     # Count the ensembles lost where bytes were skipped, from the numbers of the intact ensembles around them.
     offset, number = (np.concatenate([getattr(x, name) for x in content.leaders]) for name in ("offset", "number"))
     after = np.searchsorted(offset, [each.offset for each in skipped])
@@ -151,32 +138,66 @@ def _read_file(path: Path, settings: Settings) -> _File:
     return replace(content, warnings=tuple(describe_file(Path(path).name, counts, skipped, escaped=escaped)))
 
 
-def _refuse_padding(where: str, columns: Columns, count: int, cells: int, size: int) -> None:
+def _refuse_padding(where: str, count: int, cells: int, size: int) -> None:
     """Reject profiles whose arrays, padded to the widest, would take far more memory than the size of the files."""
-    each = sum(part.dtype.itemsize * prod(part.shape[2:]) for part in columns.values())
+    each = sum(np.dtype(form).itemsize for form in PROFILES.values())
     files.refuse_large_arrays(where, count * cells * each, size, cells)
+
+
+def _decode_profiles(content: Sequence[_File], factor: Floats, shape: tuple[int, int], settings: Settings) -> Columns:
+    """Decode the profiles of files batch by batch to arrays of a shape (n, m), and the echo next to the instrument.
+
+    Three-beam solutions are added to the counts of each file.
+
+    Args:
+        factor: (n,) of the velocities.
+    """
+    arrays: Columns = {name: np.empty(shape, form) for name, form in PROFILES.items()}
+    arrays["near_echo"] = np.empty(shape[:1])
+    end = 0
+    for file in content:
+        first = end
+        for batch in file.batches:
+            ensembles, _ = fields.decode_runs(batch)
+            if ensembles is None:
+                continue
+            begin, end = end, end + len(ensembles)
+            east, north, up, error, three_beam = currents.compute_currents(ensembles, settings)
+            file.counts["three_beam"] += three_beam
+            by = factor[begin:end, None]
+            columns: Columns = {
+                "east": east * by,
+                "north": north * by,
+                "quality": currents.flag_currents(ensembles, east, north),
+            }
+            columns |= {"up": up.astype(np.float32) * by, "error_velocity": error.astype(np.float32) * by}
+            columns |= {name: getattr(ensembles, name) for name in COUNTS}
+            for name, part in columns.items():
+                arrays[name][begin:end, : part.shape[1]] = part
+                fill = MISSING if name == "quality" else np.nan if part.dtype.kind == "f" else 0
+                arrays[name][begin:end, part.shape[1] :] = fill
+            near = ensembles.echo[:, :2].astype(float)  # low where water is clear
+            arrays["near_echo"][begin:end] = np.where(near.any(axis=(1, 2)), near.mean(axis=(1, 2)), np.nan)
+        quality = arrays["quality"][first:end]
+        if not arrays["percent_good"][first:end].any():
+            # An all-zero percent-good block was never filled, and says nothing about the velocities.
+            quality[quality == BAD] = GOOD
+    return arrays
 
 
 def _record(where: str, content: Sequence[_File], settings: Settings) -> Record:
     leaders = fields.concatenate([part for file in content for part in file.leaders])
-    counts = {key: sum(file.counts[key] for file in content) for key in content[0].counts}
     refuse_mixed(where, leaders)
     written = str(next(iter(frequent_numbers(leaders.serial)), ""))
     serial = match_serial_number(where, written, settings.serial_number)
-    batched = [columns for file in content for columns in file.columns]
     cells = int(leaders.cells.max())
-    _refuse_padding(where, batched[0], len(leaders), cells, counts["bytes_total"])
-    # The pieces of each column are freed before the next one is stacked.
-    arrays = {
-        name: fields.stack_padded([columns.pop(name) for columns in batched], MISSING if name == "quality" else 0)
-        for name in [*batched[0]]
-    }
+    _refuse_padding(where, len(leaders), cells, sum(file.counts["bytes_total"] for file in content))
     flags, strays, notes = flag_strays(leaders)
     sound = currents.correct_sound_speed(leaders, settings.sound_speed)
     notes += [sound.sentence] if sound.sentence else []
     velocity_flags = np.where(sound.doubtful, np.maximum(flags, PROBABLY_GOOD), flags)
-    for name in ("east", "north", "up", "error_velocity"):
-        arrays[name] *= sound.factor[:, None]
+    arrays = _decode_profiles(content, sound.factor, (len(leaders), cells), settings)
+    counts = {key: sum(file.counts[key] for file in content) for key in content[0].counts}
     heading = currents.magnetic_heading(leaders, settings)
     upward = mostly_looks_up(leaders, settings)
     # Without the distance of bin 1, which varies with the speed of sound.
@@ -218,7 +239,7 @@ def _record(where: str, content: Sequence[_File], settings: Settings) -> Record:
         channels={
             "transmit_current": leaders.transmit_current,
             "heading_spread": leaders.heading_spread_deg,
-            "echo": np.concatenate([part for file in content for part in file.echo]),
+            "echo": arrays["near_echo"],
         },
         channel_units={"transmit_current": "count", "heading_spread": "degree", "echo": "count"},
         profiles=profiles,

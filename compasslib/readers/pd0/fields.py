@@ -149,18 +149,21 @@ def misfit(layout: Layout) -> str:
     return ""
 
 
-def decode_runs(runs: Sequence[EnsembleRun]) -> tuple[Ensembles | None, Counter[str]]:
-    """Decode the ensembles of several runs in file order, and count those dropped by the reasons in ``DROPPED``."""
+def decode_runs(runs: Sequence[EnsembleRun], *, profiles: bool = True) -> tuple[Ensembles | None, Counter[str]]:
+    """Decode the ensembles of several runs in file order, and count those dropped by the reasons in ``DROPPED``.
+
+    Without ``profiles`` only their leaders are decoded, and the profiles have no bins.
+    """
     groups: dict[bytes, list[EnsembleRun]] = {}
     dropped = Counter[str]()
     for run in runs:
         if reason := misfit(run.layout):
-            dropped[reason] += len(run.rows)
+            dropped[reason] += run.count
         else:
             groups.setdefault(run.layout.signature, []).append(run)
     if not groups:
         return None, dropped
-    ensembles = concatenate([_decode(group[0].layout, group) for group in groups.values()])
+    ensembles = concatenate([_decode(group[0].layout, group, profiles=profiles) for group in groups.values()])
     if len(groups) > 1:
         ensembles = take(ensembles, np.argsort(ensembles.offset))
     dated = np.isfinite(ensembles.time_s)
@@ -174,11 +177,11 @@ def concatenate(parts: Sequence[Ensembles]) -> Ensembles:
     """Concatenate ensembles, with missing bins padded by NaN (velocity) or 0."""
     if len(parts) == 1:
         return parts[0]
-    return Ensembles(**{f.name: stack_padded([getattr(part, f.name) for part in parts]) for f in fields(Ensembles)})
+    return Ensembles(**{f.name: _stack_padded([getattr(part, f.name) for part in parts]) for f in fields(Ensembles)})
 
 
-def stack_padded(parts: Sequence[NDArray[T]], fill: int = 0) -> NDArray[T]:
-    """Concatenate arrays, those of two or more axes padded along the second with NaN, or ``fill`` for integers."""
+def _stack_padded(parts: Sequence[NDArray[T]]) -> NDArray[T]:
+    """Concatenate arrays, those of two or more axes padded along the second with NaN, or 0 for integers."""
     if parts[0].ndim == 1:
         return np.concatenate(parts)
     cells = max(part.shape[1] for part in parts)
@@ -186,20 +189,21 @@ def stack_padded(parts: Sequence[NDArray[T]], fill: int = 0) -> NDArray[T]:
     at = 0
     for part in parts:
         whole[at : at + len(part), : part.shape[1]] = part
-        whole[at : at + len(part), part.shape[1] :] = np.nan if whole.dtype.kind == "f" else fill
+        whole[at : at + len(part), part.shape[1] :] = np.nan if whole.dtype.kind == "f" else 0
         at += len(part)
     return whole
 
 
-def _decode(layout: Layout, runs: Sequence[EnsembleRun]) -> Ensembles:
+def _decode(layout: Layout, runs: Sequence[EnsembleRun], *, profiles: bool = True) -> Ensembles:
     rows = runs[0].rows if len(runs) == 1 else np.concatenate([run.rows for run in runs])
-    counts = _profile(rows, layout, Block.VELOCITY).view("<i2")
+    cells = layout.cells if profiles else 0
+    counts = _profile(rows, layout, Block.VELOCITY, cells).view("<i2")
     # Division, unlike multiplication by 0.001, gives the float nearest to 0.123 for 123 mm/s.
     velocity = counts / 1000.0
     np.copyto(velocity, np.nan, where=counts == MISSING_COUNT)
-    of_cells: dict[str, Any] = {name: _profile(rows, layout, block) for name, (block, _) in COUNTS.items()}
+    of_cells: dict[str, Any] = {name: _profile(rows, layout, block, cells) for name, (block, _) in COUNTS.items()}
     return Ensembles(
-        offset=np.concatenate([run.offset + rows.shape[1] * np.arange(len(run.rows)) for run in runs]),
+        offset=np.concatenate([run.offset + rows.shape[1] * np.arange(run.count) for run in runs]),
         velocity=velocity,
         **of_cells,
         blocks=np.full(len(rows), sum(bit for block, bit in COUNTS.values() if _has_profile(layout, block)), np.uint8),
@@ -218,13 +222,13 @@ def _has_profile(layout: Layout, identifier: int) -> bool:
     return layout.cells > 0 and _spare(layout, identifier) >= 0
 
 
-def _profile(rows: Bytes, layout: Layout, identifier: int) -> Bytes:
-    """Extract the bytes of a block by bin, (n, m, 4 or 8), or zeros if it is absent."""
+def _profile(rows: Bytes, layout: Layout, identifier: int, cells: int) -> Bytes:
+    """Extract the bytes of a block by bin, (n, cells, 4 or 8), or zeros if it is absent."""
+    shape = len(rows), cells, _PER_CELL[identifier]
     if not _has_profile(layout, identifier):
-        return np.zeros((len(rows), layout.cells, 4), np.uint8)
+        return np.zeros(shape, np.uint8)
     start = layout.blocks[identifier][0] + 2
-    stop = start + _PER_CELL[identifier] * layout.cells
-    return np.ascontiguousarray(rows[:, start:stop]).reshape(len(rows), layout.cells, -1)
+    return np.ascontiguousarray(rows[:, start : start + cells * _PER_CELL[identifier]]).reshape(shape)
 
 
 def _leader(rows: Bytes, layout: Layout, identifiers: tuple[int, ...], form: np.dtype[np.void]) -> tuple[Any, set[str]]:
@@ -332,7 +336,7 @@ def rewrite(source: str | Path, target: str | Path, turn: Turn) -> Rewritten:
     with Path(target).open("wb") as file:
         for run in runs:
             ensembles = None if misfit(run.layout) else _decode(run.layout, [run])
-            by = np.full(len(run.rows), np.nan) if ensembles is None else turn(ensembles)
+            by = np.full(run.count, np.nan) if ensembles is None else turn(ensembles)
             file.write(_turn_run(run, ensembles, by).tobytes())
             corrected, flagged = corrected + int(np.isfinite(by).sum()), flagged + int(np.isnan(by).sum())
     return Rewritten(corrected, flagged, tuple(skipped))

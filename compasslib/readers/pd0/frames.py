@@ -9,7 +9,7 @@ is linear in the length even of malicious input. Source: RDI, WorkHorse Commands
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import groupby
 from pathlib import Path
@@ -49,8 +49,23 @@ class EnsembleRun:
     """Consecutive ensembles of one layout without gaps."""
 
     offset: int  # byte offset of the first ensemble in the file
-    rows: Bytes  # (k, length + 2), a view of the file
+    count: int
     layout: Layout
+    source: Path | Bytes  # the file, or its bytes without the escapes of a modem
+
+    @property
+    def size(self) -> int:
+        """Number of bytes."""
+        return self.count * (self.layout.length + 2)
+
+    @property
+    def rows(self) -> Bytes:
+        """Bytes of each ensemble, (k, length + 2), read on access."""
+        if isinstance(self.source, Path):
+            data = np.fromfile(self.source, dtype=np.uint8, count=self.size, offset=self.offset)
+        else:
+            data = self.source[self.offset : self.offset + self.size]
+        return data.reshape(self.count, -1)
 
 
 @dataclass(frozen=True)
@@ -81,15 +96,16 @@ def find_ensembles(path: str | Path) -> tuple[list[EnsembleRun], list[Skipped], 
     Raises:
         InputError: the file cannot be read.
     """
-    data, escaped = files.undo_escapes(
-        files.read_bytes(path), lambda tried: sum(len(run.rows) for run in scan(tried)[0])
-    )
-    return *scan(data), escaped
+    data, escaped = files.undo_escapes(files.read_bytes(path), lambda tried: sum(run.count for run in scan(tried)[0]))
+    runs, skipped = scan(data)
+    if not escaped:  # years of bytes are not held while their velocities fill the memory
+        runs = [replace(run, source=Path(path)) for run in runs]
+    return runs, skipped, escaped
 
 
 def batches(runs: Sequence[EnsembleRun]) -> Iterator[list[EnsembleRun]]:
     """Divide runs into batches of some 2 MB, to be decoded together."""
-    batch = np.cumsum([run.rows.size for run in runs]) // files.CHUNK_BYTES
+    batch = np.cumsum([run.size for run in runs]) // files.CHUNK_BYTES
     for _, group in groupby(range(len(runs)), key=batch.__getitem__):
         yield [runs[k] for k in group]
 
@@ -104,9 +120,8 @@ def scan(stream: bytes, window: int = files.CHUNK_BYTES) -> tuple[list[EnsembleR
         layout = layout_at(data, start)
         count = _count_run(data, start, layout) if layout else 0
         if layout and count:
-            stop = start + count * (layout.length + 2)
-            runs.append(EnsembleRun(start, data[start:stop].reshape(count, -1), layout))
-            start = stop
+            runs.append(EnsembleRun(start, count, layout, data))
+            start += runs[-1].size
             continue
         length, left = int.from_bytes(stream[start + 2 : start + 4], "little"), data.size - start
         reason = NO_ENSEMBLE
