@@ -15,7 +15,6 @@ deviation and tests nothing else: it detects none. Moorings in real water are th
 import itertools
 import json
 from collections.abc import Iterable, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -278,8 +277,8 @@ def main() -> None:
     asked = parser.parse_args()
     if asked.moored is not None:
         made = [moored(record, kind, asked.moored) for record in INSTRUMENTS for kind in ("listed", "unlisted", "null")]
-        commit, command = seal.commit()[:12], f"benchmarks/power.py --moored {asked.moored}"
-        kept = {"command": command, "commit": commit, "date": f"{datetime.now(UTC):%Y-%m-%d}", "moorings": made}
+        files = [injected.file_of(record) for record in INSTRUMENTS]
+        kept = seal.source(f"benchmarks/power.py --moored {asked.moored}", files) | {"moorings": made}
         MOORED.write_text(json.dumps(kept, ensure_ascii=False) + "\n")
         return
     rows = targets.resumed(asked, (*KINDS, "null"), lambda *one: measure(*one, asked.seed))

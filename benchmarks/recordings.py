@@ -1,6 +1,7 @@
 """Detection and false alarms of the diagnosis of calibration recordings.
 
     PYTHONPATH=. python benchmarks/recordings.py [RECORDINGS] [--kind platform|magnetometer|two_heads|swing]
+    PYTHONPATH=. python benchmarks/recordings.py --storm     write the stored result of a magnetic storm
 
 Nulls and recordings with one known effect are simulated (tests.world.recordings). A null that is attributed to an
 effect or called unexplained is a false alarm; the target is at most 1 %. A set is right if it contains the truth;
@@ -9,6 +10,7 @@ concealed effect are part of the demonstration.
 """
 
 import argparse
+import json
 import sys
 import tempfile
 import time
@@ -18,16 +20,21 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import runs
 import targets
 
+from benchmarks.proof import seal
 from compasslib import angles
+from compasslib.calibrations import observatory
 from compasslib.calibrations import two_heads as heads_of
 from compasslib.calibrations.magnetometer.log import Log
 from compasslib.calibrations.two_heads import motion as motions
 from compasslib.inference import kinds as diagnoses
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
-from compasslib.inference.kinds import magnetometer, platform, two_heads
+from compasslib.inference.kinds import declination, magnetometer, platform, two_heads
+from compasslib.readers import iaga2002
+from compasslib.stages import demonstration
 from tests.world import package, swing
 from tests.world import recordings as drawn
 from tests.world.package import Head, Sea
@@ -90,6 +97,33 @@ def heads(rng: np.random.Generator, effect: str) -> Made:
     return two_heads.diagnose_motion(*moved, farthest_s=600.0, field=None, options=OPTIONS), truth
 
 
+STORM = demonstration.Recording(
+    name="storm",
+    title="Declination at Eskdalemuir (BGS) on 29 October 2003, a magnetic storm",
+    concealed="the storm: the simulation is IGRF and a constant",
+    truth="the declination by the observatory's definitive minute values; by the planetary index Kp, 9 from 06:00 to "
+    "09:00 UTC after 4 and less, the storm began in these hours",
+    effects=["field_disturbance"],
+    kind="declination",
+    path=str(runs.DATA / "observatory/esk20031029dmin.min"),
+)
+QUIET, TURNED_DEG = runs.DATA / "observatory/esk20030610dmin.min", 2.0
+
+
+def store_storm() -> None:
+    """Write the diagnosis of a storm beside those of a day without one, as observed and with a simulated turn."""
+    quiet = iaga2002.read([QUIET])
+    field, _ = observatory.station_field(quiet, {}, str(QUIET))
+    late = quiet.time_s >= np.mean(quiet.time_s)
+    turned = replace(quiet, declination_deg=quiet.declination_deg + TURNED_DEG * late)
+    made = demonstration.describe(STORM, STORM.diagnose() | {
+        "10 June 2003, without a storm": declination.diagnose_series(quiet, field, OPTIONS),
+        "the same, its sensor turned by 2° at noon (simulated)": declination.diagnose_series(turned, field, OPTIONS),
+    })  # fmt: skip
+    stored = seal.source("benchmarks/recordings.py --storm", [STORM.file, QUIET])
+    (demonstration.FOLDER / "storm.json").write_text(json.dumps(made | {"stored": stored}, ensure_ascii=False) + "\n")
+
+
 NULLS_EACH = 10  # number of nulls per recording with an effect
 KINDS: dict[str, tuple[Callable[[np.random.Generator, str], Made], tuple[str, ...]]] = {
     "platform": (bench, ("sextantal", "octantal", "heading_slip", "large_deviation")),
@@ -143,7 +177,11 @@ def main() -> None:
     parser.add_argument("recordings", nargs="?", type=int, default=300)
     parser.add_argument("--kind", choices=KINDS)
     parser.add_argument("--first", type=int, default=1, help="seed of the first recording")
+    parser.add_argument("--storm", action="store_true", help="write the stored result of a magnetic storm")
     asked = parser.parse_args()
+    if asked.storm:
+        store_storm()
+        return
     lines: list[targets.Measured] = []
     targets.head(*HEAD)
     for kind in [asked.kind] if asked.kind else KINDS:

@@ -4,6 +4,7 @@ import hashlib
 import json
 import subprocess
 from collections.abc import Iterable
+from datetime import UTC, datetime
 from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parents[2]
@@ -62,6 +63,12 @@ def commit(revision: str = "HEAD") -> str:
     if ran.returncode:
         raise Broken(f"{revision} is no commit of this checkout; give --seed instead")
     return ran.stdout.strip()
+
+
+def source(command: str, files: Iterable[Path]) -> dict[str, object]:
+    """Describe a stored result: its command, commit and date, and the beginning of the hash of each file of data."""
+    hashes = [sha256(file.read_bytes())[:12] for file in files]
+    return {"command": command, "commit": commit()[:12], "date": f"{datetime.now(UTC):%Y-%m-%d}", "sha256": hashes}
 
 
 def seed(revision: str) -> int:

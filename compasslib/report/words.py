@@ -142,6 +142,13 @@ def confirmed(finding: Mapping[str, Any]) -> bool:
     return not (size and placebo) or is_confirmed(size["low"], placebo["rank_p"])
 
 
+def limits(diagnosis: Mapping[str, Any]) -> list[tuple[str, float | None]]:
+    """List effects with their detection limits, smallest first, last those without; not alternatives of a finding."""
+    found = {name for entry in diagnosis.get("findings") or [] for name in entry["alternatives"]}
+    each = [(name, size) for name, size in (diagnosis.get("detectable_deg") or {}).items() if name not in found]
+    return sorted(each, key=lambda item: math.inf if item[1] is None else item[1])
+
+
 def observations(separated_by: str | None) -> list[str]:
     """Split the observations that would separate alternatives; of more than three, select the specific ones."""
     parts = [part for part in (separated_by or "").split("; ") if part]
@@ -151,7 +158,7 @@ def observations(separated_by: str | None) -> list[str]:
 
 FILTERS = (
     confirmed, number, degrees, significant, with_sigma, percent, chance, current, count, plural, days, plain,
-    effect_title, parameter, listed, sentence, observations,
+    effect_title, parameter, limits, listed, sentence, observations,
 )  # fmt: skip
 
 

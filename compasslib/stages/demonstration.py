@@ -1,7 +1,8 @@
 """Diagnose recordings of real compasses, and compare results of simulated moorings with the truth.
 
-The recordings are in ``demo/recordings/``, with their sources and licences. What a logger added to the raw axes is
-known from its log: without it the heading is wrong by the difference, and the logged heading is the truth.
+The recordings are in ``demo/recordings/``, with their sources and licences; results of data that must not be passed on
+are stored there. What a logger added to the raw axes is known from its log: without it the heading is wrong by the
+difference, and the logged heading is the truth.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from compasslib.inference import kinds, wording
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.kinds import magnetometer
-from compasslib.plots.calibrations import draw_deviation
+from compasslib.plots.calibrations import draw_figure
 from compasslib.plots.diagnosis import count_outside, draw_diagnosis, draw_errors, error_reach
 from compasslib.preparation.references import combine_references
 from compasslib.records import BAD
@@ -46,7 +47,7 @@ WITHHELD, COMPLETE, SHIFTED = "tilt correction withheld", "nothing withheld", "w
 
 def recordings(files: Files, say: Say) -> None:
     """Write what was found in each recording, as recorded or by what was withheld, beside what is known."""
-    content = [describe(recording) for recording in RECORDINGS]
+    content = [describe(recording, recording.diagnose()) for recording in RECORDINGS]
     write_json(files.made, {"recordings": content})
     say(f"{files.made}: {len(content)} real recordings")
 
@@ -64,11 +65,12 @@ class Recording:
     settings: Mapping[str, Any] = field(default_factory=dict)
     remaining: Sequence[str] = ()  # effects that act on it even if nothing is withheld
     control: str = ""  # column of headings that the instrument corrected itself
+    path: str = ""  # of its numbers, NAME.csv by default
 
     @property
     def file(self) -> Path:
         """Its numbers."""
-        return FOLDER / f"{self.name}.csv"
+        return FOLDER / (self.path or f"{self.name}.csv")
 
     @property
     def resolved(self) -> dict[str, Any]:
@@ -102,11 +104,13 @@ class Recording:
         named = {name for finding in diagnosis.findings for name in (finding.effect, *finding.alternatives)}
         if not self.effects:
             return diagnosis.verdict == "insufficient"
+        if what in (RECORDED, WITHHELD):
+            return named >= {*self.effects}
         if what == SHIFTED:
             return not {finding.driver for finding in diagnosis.findings} & {"pitch", "roll", "tilt"}
         if what == COMPLETE:
             return named <= {*self.remaining}
-        return not named & {*self.effects} if what == CORRECTED else named >= {*self.effects}
+        return not {finding.effect for finding in diagnosis.findings if finding.level == "effect"} & {*self.effects}
 
 
 def _levelled(log: Log) -> Log:
@@ -126,23 +130,26 @@ def _shifted(log: Log) -> Log:
     return replace(log, raw=cosines, pitch_deg=np.roll(log.pitch_deg, half), roll_deg=np.roll(log.roll_deg, half))
 
 
-def describe(recording: Recording) -> dict[str, Any]:
-    """Diagnose a recording and describe each case; of the first one, deviation or residual is drawn."""
-    diagnoses, figures, truth = recording.diagnose(), [], recording.truth
+FIGURES = {"platform": "deviation", "declination": "series"}  # of the other kinds the residual is drawn
+
+
+def describe(recording: Recording, diagnoses: Mapping[str, Diagnosis]) -> dict[str, Any]:
+    """Describe the diagnoses of a recording, and draw the first one."""
+    figures, truth = [], recording.truth
     if recording.kind == "magnetometer":
         truth = truth.format(f"{magnetometer_log.search_axes(recording.read_log())[1]:.2f}°")
     first = next(iter(diagnoses.values())).to_json()
-    if first["curves"]:
-        what = "deviation" if recording.kind == "platform" else "residual"
+    if first["verdict"] != "insufficient":
+        what = FIGURES.get(recording.kind, "residual")
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / f"{what}.png"
-            if what == "deviation":
+            if what == "residual":
+                draw_diagnosis(file, first, dated=False)
+            else:
                 settings = recording.resolved
                 made = calibrations.calibrate(recording.kind, [recording.file], settings)
                 table, page = made.table or DeviationTable(*np.zeros((3, 0))), result.to_json("", made, settings)
-                draw_deviation(file, StoredCalibration(page, table, made.points))
-            else:
-                draw_diagnosis(file, first, dated=False)
+                draw_figure(what, file, StoredCalibration(page, table, made.points))
             picture, (width, height) = embed_png(file)
         figures.append({"what": what, "picture": picture, "width": width, "height": height})
     proofs = {what: x.findings[0].held_out if x.findings else None for what, x in diagnoses.items()}
@@ -157,7 +164,7 @@ def describe(recording: Recording) -> dict[str, Any]:
         for what, diagnosis in diagnoses.items()
     ]
     known = {"name": recording.name, "title": recording.title, "concealed": recording.concealed, "truth": truth}
-    found = {"cases": cases, "figures": figures, "outside": count_outside(first) if figures else None}
+    found = {"cases": cases, "figures": figures, "outside": count_outside(first) if first["curves"] else None}
     return known | {"effects": recording.effects} | found
 
 
@@ -193,6 +200,7 @@ def concealed(files: Files, say: Say) -> None:
     reach = error_reach([error for x in errors.values() for error in (x.fit_deg, x.corrected_deg)])
     moorings = [reveal(name, root, truth, errors[name], reach) for name, truth in known.items()]
     real, stored = read_json(files.recordings)["recordings"], read_json(FOLDER / "moored.json")
+    real.append(read_json(FOLDER / "storm.json"))
     rows = count_named(real, stored["moorings"], moorings)
     content = {"rows": rows, "real": real, "stored": stored, "moorings": moorings}
     write_page(files.page, "concealed.html", **content, software=provenance.software())
@@ -312,6 +320,7 @@ def reveal(name: str, root: Path, truth: Mapping[str, Any], errors: HeadingError
         "use": read_json(root / name / "assessment.json")["use"],
         "sensitivity": " ".join(words.paragraphs("diagnosis", "sensitivity", d=diagnosis)),
         "findings": sections.report_findings(diagnosis, product=True),
+        "unsettled": diagnosis["verdict"] == "ambiguous" and any(x["applied"] for x in stated),
         "errors": errors,
         "figures": figures,
         "href": f"report.html#mooring-{name}",
@@ -347,7 +356,7 @@ def count_named(
     known = (len(levels), sum(map(bool, levels)), levels.count("effect"), len(accused), sum(accused))
     withheld = (len(logs), sum(named), sum(named), len(controls), controls.count(False))
     return [
-        ("Real compasses, a correction withheld", *withheld),
+        ("Real recordings, the cause withheld", *withheld),
         ("Real water, simulated iron", len(with_cause), *moored, len(none), sum(x["detected"] for x in none)),
         ("Simulated moorings", *known),
     ]

@@ -132,7 +132,8 @@ def test_the_page_compares_findings_with_planted_causes(processed):
     write_json(said, told(said.parent, said.stem) | {"current": [current]})
     truths = [str(processed.folder / f"concealed/{name}.json") for name in ("C1", "C2")]
     made = page.parent / "recordings.json"
-    write_json(made, {"recordings": [describe(one) for one in real.RECORDINGS if one.name == "eight_headings"]})
+    (refused,) = (one for one in real.RECORDINGS if one.name == "eight_headings")
+    write_json(made, {"recordings": [describe(refused, refused.diagnose())]})
     corrected = [str(page.parent / "C1/corrected.nc")]
     set_beside(Files(page=str(page), truths=truths, corrected=corrected, recordings=str(made)), lines.append)
     text = page.read_text()
