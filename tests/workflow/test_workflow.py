@@ -112,12 +112,6 @@ def test_missing_raw_file_is_refused_before_processing(tmp_path):
     assert len(said) == 1 and "config/moorings/EG1.yaml: instruments.top.files" in said[0]
 
 
-def test_cruise_without_moorings_succeeds(tmp_path):
-    (tmp_path / "config").mkdir()
-    (tmp_path / "config/config.yaml").write_text("moorings: []\n")
-    assert snakemake(tmp_path).returncode == 0
-
-
 NAMES = ("M.1", "M11", "0-1", "EGEGEGEG", "a" * 19, "CON", "nul.txt", "results", "work.", "none")
 
 
