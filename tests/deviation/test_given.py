@@ -97,8 +97,7 @@ ISO = np.array([np.datetime_as_string(np.datetime64(round(t), "s")) + "Z" for t 
 
 
 @pytest.mark.parametrize(
-    ("name", "form", "times"),
-    [("a.csv", "table", ISO), ("b.mat", "mat", SEEN.time_s), ("c.mat", "mat 7.3", DATENUM)],
+    ("name", "form", "times"), [("a.csv", "table", ISO), ("b.mat", "mat", SEEN.time_s), ("c.mat", "mat 7.3", DATENUM)]
 )
 def test_ready_made_pairs_of_tables_and_matlab_files_are_the_same(tmp_path, name, form, times):
     rows = read_ready_pairs(written(tmp_path / name, times, form), COLUMNS)

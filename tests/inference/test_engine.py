@@ -111,6 +111,9 @@ def test_a_new_battery_is_counted_and_a_discharge_is_not():
     changed = falling + 5.0 * (np.arange(3000) > 1800)
     number = covariates.battery_count(changed)
     assert number[-1] == 1.0 and abs(int(np.argmax(number)) - 1800) < 30
+    # Equal maxima of a quantized voltage are one battery.
+    number = covariates.battery_count(np.r_[np.linspace(150, 120, 400), np.linspace(170, 140, 400)].round())
+    assert number.max() == 1.0 and number[360] == 0.0 and number[440] == 1.0
 
 
 def test_the_p_value_of_a_clear_gain_is_small_and_of_none_is_not():

@@ -439,12 +439,6 @@ def test_columns_that_were_exchanged_leave_too_few_pairs_and_no_traceback():
     assert found.verdict == "insufficient" and "the branch of the compass is known for" in found.why
 
 
-def test_equal_maxima_of_a_quantized_voltage_are_one_battery():
-    counts = np.r_[np.linspace(150.0, 120.0, 400), np.linspace(170.0, 140.0, 400)].round()
-    number = covariates.battery_count(counts)
-    assert number.max() == 1.0 and number[360] == 0.0 and number[440] == 1.0
-
-
 def test_each_battery_has_its_own_iron(monkeypatch):
     """Regression test: two battery changes constrained to equal iron were explained by temperature."""
     hours = np.arange(6000)
@@ -463,15 +457,6 @@ def test_each_battery_has_its_own_iron(monkeypatch):
     assert list(sizes) == ["b_x_nT", "b_y_nT", "second_x_nT", "second_y_nT"]
     # In a horizontal field of about 12,000 nT, 200 nT turn the compass by one degree, roughly the fit's uncertainty.
     assert np.abs(np.array(list(sizes.values())) - [300.0, -900.0, 900.0, 700.0]).max() < 250.0
-
-
-def test_a_linear_voltage_decline_is_an_alternative_to_drift():
-    drawn = world.planted(world.make(7, wide=True, n=HOURS), {"compass_drift": 3.0})
-    fall = 140.0 - 12.0 * np.arange(HOURS) / HOURS + np.random.default_rng(0).normal(0.0, 0.6, HOURS)
-    logged = drawn.covariates | {"supply_voltage": fall.round()}
-    found = diagnose(drawn.pairs, logged, fitted(drawn), field_of(drawn))
-    (finding,) = found.findings
-    assert {"compass_drift", "supply_voltage"} <= {finding.effect, *finding.alternatives}
 
 
 def test_aliased_tides_of_a_profiler_do_not_replace_a_constant(tmp_path):

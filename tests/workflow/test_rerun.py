@@ -117,10 +117,7 @@ def stated(folder: Path) -> dict[Job, set[str]]:
         ("provenance", described, [()]),
     ]
     return {
-        (rule, *subject): {
-            *job.flatten(arguments(*subject)).values(),
-            *(x for each in files for x in each(*subject)),
-        }
+        (rule, *subject): {*job.flatten(arguments(*subject)).values(), *(x for each in files for x in each(*subject))}
         for rule, arguments, subjects, *files in rules
         for subject in subjects
     }
