@@ -172,6 +172,14 @@ def test_deposit_is_a_complete_workflow_run_crate(unpacked):
     assert all(provenance.sha256(unpacked / name) == digest for name, digest in known.items() if "/" in name)
 
 
+def test_software_url_is_the_address_of_the_library(processed, monkeypatch):
+    monkeypatch.chdir(processed)
+    jobs = crate.read_jobs(Path().glob("results/M1/logs/*.json"))
+    page = crate.crate(jobs, configuration={"": [], "mooring M1": []}, attributes={"software_url": "https://a.org/c"})
+    urls = {each["name"]: each.get("url") for each in of_type(page, "SoftwareApplication")}
+    assert urls["compasslib"] == "https://a.org/c" and all(urls.values())
+
+
 def test_deposit_of_changed_results_is_refused(archive, tmp_path, capsys):
     assert main(["export", "--cruise", str(archive), "--to", "rocrate", "--into", str(tmp_path / "by_command")]) == 0
     asked = capsys.readouterr().err.splitlines()
@@ -334,6 +342,11 @@ def test_file_that_no_job_wrote_is_reported(archive, where):
 def without(page: dict, *kinds: str, name: str = "") -> dict:
     kept = [entity for entity in page["@graph"] if entity["@type"] not in kinds or name not in entity["name"]]
     return page | {"@graph": kept}
+
+
+def test_product_that_the_manifest_does_not_list_is_reported(archive):
+    (archive / crate.FILE).write_text(json.dumps(without(page_of(archive), "File", "CreateAction", name="correct")))
+    assert ("unlisted", "results/M1/corrected.nc") in [each[:2] for each in crate.differences(archive, ["results/M1"])]
 
 
 # ----------------------------------------------------------------------------------------- results no longer configured

@@ -13,6 +13,7 @@ import yaml
 from compasslib import angles
 from compasslib.archive import netcdf
 from compasslib.archive.files import read_json
+from compasslib.errors import InputError
 from compasslib.pipeline.process import process_mooring
 from compasslib.preparation.pairs import PairRules, find_pairs
 from compasslib.preparation.references import combine_references, join_references
@@ -126,6 +127,10 @@ def test_list_of_references_runs_through_the_pipeline(tmp_path):
     assert np.bincount(pairs.reference_index).tolist() == [400, 300]
     assert any("(deep 400, other 300)" in line for line in lines)
     assert len(combine_references(pairs)) == 400
+    file = cruise / "config/moorings/M1.yaml"
+    file.write_text(file.read_text().replace("- other", "- deep"))
+    with pytest.raises(InputError, match="each name once"):
+        process_mooring(cruise, "M1", tmp_path / "again")
 
 
 def test_contradictory_references_make_all_headings_doubtful(tmp_path):
