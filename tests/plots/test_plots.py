@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.text import Text
 
+from benchmarks.papers import SYNTHETIC_B_DEG, draw_angles, draw_synthetic_curves
 from compasslib import angles, compass
 from compasslib.archive import files as archive_files
 from compasslib.archive import gridded
@@ -312,6 +313,17 @@ def test_cruise_figures_name_moorings_only_if_few(figure, copies, tmp_path):
     assert copies or "no data" in words(page)
     standing = boxes(page)
     assert all(box.x0 >= -1 and box.y0 >= -1 and box.x1 <= page.bbox.x1 + 1 for box in standing)
+
+
+def test_synthetic_curves_and_angles_match_the_published_figures(tmp_path):
+    """Von Appen 2015, Fig. 5: the deviation at 90° is B; for B above 57.3° only the sluggish side is inverted."""
+    synthetic = saved(lambda: draw_synthetic_curves(tmp_path / "curves.png"))
+    for line, b in zip(synthetic.axes[0].get_lines()[::2], SYNTHETIC_B_DEG, strict=True):
+        assert np.interp(90.0, *np.transpose(line.get_xydata())) == pytest.approx(b, abs=0.01)
+    spans = [np.ptp(line.get_xdata()) for line in synthetic.axes[2].get_lines()]
+    assert min(spans[:4]) > 350.0 and max(spans[4:]) < 120.0
+    sketch = words(saved(lambda: draw_angles(tmp_path / "angles.png")))
+    assert all(name in sketch for name in ("α", "β", "γ", "δ", "magnetic north", "current"))
 
 
 def test_section_masks_the_reference_in_recorded_and_draws_its_profiles_as_columns(tmp_path):
