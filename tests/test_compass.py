@@ -25,9 +25,6 @@ def test_wrapping_is_idempotent_and_stays_inside(a):
 @given(ANGLES, st.integers(-5, 5))
 def test_whole_turns_change_nothing(a, turns):
     assert abs(angles.difference(a + 360.0 * turns, a)) < 1e-6
-
-
-def test_tiny_negative_angle_is_not_360():
     assert angles.wrap360(-1e-17) == 0.0
 
 
@@ -45,13 +42,9 @@ def test_rotation_preserves_length_and_changes_direction(east, north, by):
         assert abs(angles.difference(moved, by)) < 1e-6
 
 
-def test_zero_vector_has_no_direction():
-    assert np.isnan(angles.direction(0.0, 0.0))
-
-
 def test_circular_statistics_cross_north_and_ignore_nan():
     assert angles.mean([350.0, 10.0, np.nan]) == pytest.approx(0.0, abs=1e-9)
-    assert np.isnan(angles.mean([np.nan]))
+    assert np.isnan(angles.mean([np.nan])) and np.isnan(angles.direction(0.0, 0.0))
     assert angles.resultant_length([10.0, 190.0]) == pytest.approx(0.0, abs=1e-12)
     assert angles.rms([359.0, -1.0, np.nan]) == pytest.approx(1.0)
 
@@ -64,14 +57,9 @@ COEFFICIENTS = st.tuples(SOFT, HARD, HARD, SOFT, SOFT)
 @pytest.mark.skipif(not SHARED.exists(), reason="no ../shared/data")
 def test_known_answers_with_tilt():
     for case in json.loads((SHARED / "vectors.json").read_text())["compass_with_tilt"]:
-        level = compass.level_coefficients(
-            case["soft"],
-            case["hard_nT"],
-            horizontal_nT=case["H_nT"],
-            vertical_nT=case["Z_nT"],
-            pitch_deg=case["pitch"],
-            roll_deg=case["roll"],
-        )
+        field = {"horizontal_nT": case["H_nT"], "vertical_nT": case["Z_nT"]}
+        tilt = {"pitch_deg": case["pitch"], "roll_deg": case["roll"]}
+        level = compass.level_coefficients(case["soft"], case["hard_nT"], **field, **tilt)
         recorded = compass.recorded_heading(level, case["heading_magnetic"])
         assert abs(angles.difference(recorded, case["recorded"])) < 1e-5  # the file has six decimals
         roots = compass.inverse(level, np.array([case["recorded"]]))
@@ -135,6 +123,5 @@ def test_le_menn_4_with_atan2_is_the_same_compass():
     s2, k2 = angles.sin_cos(2 * heading)
     top, bottom = a + b * s + c * k + d * s2 + e * k2, 1 + b * k - c * s + d * k2 - e * s2
     deviation = np.rad2deg(np.arctan2(top, bottom))
-    assert (
-        np.abs(angles.difference(heading - deviation, compass.recorded_heading((a, b, c, d, e), heading))).max() < 1e-9
-    )
+    recorded = compass.recorded_heading((a, b, c, d, e), heading)
+    assert np.abs(angles.difference(heading - deviation, recorded)).max() < 1e-9

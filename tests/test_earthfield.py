@@ -12,14 +12,7 @@ from compasslib.errors import InputError
 DECEMBER_2007, EG4 = 1196467200.0, (65.3, -33.0)
 
 
-def test_field_of_the_demonstration_cruise():
-    declination, horizontal, vertical = earthfield.igrf(*EG4, [DECEMBER_2007])
-    assert declination[0] == pytest.approx(-23.50, abs=0.005)
-    assert horizontal[0] == pytest.approx(11980, abs=1.0)
-    assert vertical[0] == pytest.approx(52078, abs=1.0)
-
-
-@pytest.mark.parametrize("place", [(65.3, -33.0), (-40.0, 170.0), (0.0, 0.0), (89.9, 10.0), (-80.0, -120.0)])
+@pytest.mark.parametrize("place", [(65.3, -33.0), (-40.0, 170.0), (89.9, 10.0)])
 def test_model_agrees_with_ppigrf(place):
     """Within 0.001 nT, as ppigrf converts to geodetic components by a series."""
     dates = [datetime(1901, 3, 1), datetime(1987, 6, 1), datetime(2007, 12, 1), datetime(2029, 12, 1)]
@@ -40,28 +33,16 @@ def test_field_along_a_deployment_and_between_nodes():
     assert earthfield.declination_at(field, np.array([middle]))[0] == pytest.approx(exact, abs=1e-4)
 
 
-@pytest.mark.parametrize(("given", "warned"), [(-23.0, False), (23.4, True), (-24.8, True)])
-def test_given_declination_overrides_the_model_with_a_warning(given, warned):
-    field = earthfield.field_along(*EG4, 1188864000.0, 1223078400.0, given)
-    assert (field.declination_deg == given).all() and field.source == "metadata"
-    assert bool(field.warnings) == warned
-    again = earthfield.field_from_json(
-        {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(field).items()}
-    )
-    assert again.warnings == field.warnings
-
-
 @pytest.mark.parametrize(
     ("given", "said"),
-    [
-        (23.4, "which has the other sign"),
-        (-46.8, "of which it looks like the double"),
-        (-30.0, "off IGRF (-23.40); check its sign"),
-        (0.0, "off IGRF (-23.40); check its sign"),
-    ],
+    [(-23.0, ""), (23.4, "which has the other sign"), (-46.8, "looks like the double"), (-24.8, "off IGRF (-23.40)")],
 )
-def test_the_mistake_in_a_given_declination_is_named(given, said):
-    assert said in earthfield.field_along(*EG4, 1188864000.0, 1223078400.0, given).warnings[0]
+def test_given_declination_overrides_the_model_and_a_mistake_is_named(given, said):
+    field = earthfield.field_along(*EG4, 1188864000.0, 1223078400.0, given)
+    assert (field.declination_deg == given).all() and field.source == "metadata"
+    assert said in field.warnings[0] if said else field.warnings == ()
+    written = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(field).items()}
+    assert earthfield.field_from_json(written).warnings == field.warnings
 
 
 @pytest.mark.parametrize(("applied", "warned"), [({"top": -22.0}, False), ({"top": 23.4}, True), ({}, False)])

@@ -1,9 +1,7 @@
-"""Would catch values lost on the way through a file, half-written files, bytes that differ from run to run."""
+"""Would catch values lost on the way through a file, half-written files, a damaged file not told as one."""
 
 import dataclasses
-import hashlib
 import json
-import time
 from pathlib import Path
 
 import netCDF4
@@ -106,19 +104,6 @@ def test_failed_write_keeps_the_previous_file(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.json", "a.nc"]
 
 
-def test_the_same_data_give_the_same_bytes(tmp_path):
-    def all_files(folder):
-        folder.mkdir()
-        write(folder / "corrected.nc")
-        netcdf.write_record(folder / "record.nc", make_record())
-        netcdf.write_pairs(folder / "overlap.nc", make_pairs())
-        return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.iterdir())}
-
-    first = all_files(tmp_path / "first")
-    time.sleep(1.1)  # HDF5 could store modification times, in whole seconds
-    assert all_files(tmp_path / "second") == first
-
-
 @pytest.mark.parametrize("read", [netcdf.read_record, netcdf.read_pairs, netcdf.read_corrected])
 @pytest.mark.parametrize("damage", ["absent", "text", "truncated", "another"])
 def test_damaged_netcdf_is_reported_in_one_line(tmp_path, corrected_nc, read, damage):
@@ -134,17 +119,14 @@ def test_damaged_netcdf_is_reported_in_one_line(tmp_path, corrected_nc, read, da
         read(path)
 
 
-@pytest.mark.parametrize("error", [ValueError, TypeError, KeyError, IndexError, AttributeError])
+@pytest.mark.parametrize("error", [ValueError, KeyError, AttributeError])
 def test_programming_error_is_not_reported_as_damage(corrected_nc, error):
     with pytest.raises(error, match="a mistake"), files.open_netcdf(corrected_nc):
         raise error("a mistake")
-    for read in (lambda nc: nc["NO_SUCH"], lambda nc: nc.getncattr("no_such")):
-        with pytest.raises(InputError, match=r"whole netCDF file"), files.open_netcdf(corrected_nc) as nc:
-            read(nc)
 
 
 # -------------------------------------------------------------------------------------------------------- round trips
-@pytest.mark.parametrize(("n", "m"), [(200, 6), (1, 1), (0, 6), (0, 0), (5, 0)])
+@pytest.mark.parametrize(("n", "m"), [(200, 6), (0, 6), (5, 0)])
 def test_record_round_trip(tmp_path, n, m):
     record = make_record(n, m, looks_up=np.bool_(False), direction_reference="true")
     netcdf.write_record(tmp_path / "r.nc", record)
@@ -200,7 +182,7 @@ def test_joined_records_keep_only_common_profiles():
     np.testing.assert_array_equal(both.profiles["up"], np.concatenate([one.profiles["up"], less["up"]]))
 
 
-@pytest.mark.parametrize("n", [50, 1, 0])
+@pytest.mark.parametrize("n", [50, 0])
 def test_pairs_round_trip(tmp_path, n):
     pairs = make_pairs(n)
     netcdf.write_pairs(tmp_path / "overlap.nc", pairs, attributes={"history": "made"})
@@ -211,7 +193,7 @@ def test_pairs_round_trip(tmp_path, n):
 
 
 @pytest.mark.parametrize("looks_up", [True, False])
-@pytest.mark.parametrize(("n", "m"), [(200, 6), (1, 1), (0, 6)])
+@pytest.mark.parametrize(("n", "m"), [(200, 6), (1, 1)])
 def test_product_round_trip(tmp_path, n, m, looks_up):
     product = make_product(n, m, looks_up=looks_up)
     back = netcdf.read_corrected(write(tmp_path / "c.nc", product))
@@ -232,26 +214,12 @@ def test_product_round_trip(tmp_path, n, m, looks_up):
     same(expected, back.record, rtol=1e-7, atol=1e-5)
 
 
-def test_empty_and_uncorrectable_products_are_written(tmp_path):
-    back = netcdf.read_corrected(write(tmp_path / "none.nc", make_product(0, 0, uncorrectable=0)))
-    assert back.east.shape == (0, 1) and len(back.record.time_s) == 0
-    with netCDF4.Dataset(write(tmp_path / "all.nc", make_product(uncorrectable=200))) as nc:
-        assert nc["HEADING_CORRECTED"][:].mask.all() and nc["UCUR"][:].mask.all()
-        assert (nc["HEADING_CORRECTED_QC"][:] == BAD).all()
-        assert (nc.headings_recorded, nc.headings_corrected) == (200, 0)
-        assert nc.processing_level == "Known bad data has been replaced with null values"
-
-
 # -------------------------------------------------------------------------------------------------------- specification
 def test_product_has_the_specified_names_and_dimensions(corrected_nc):
     with netCDF4.Dataset(corrected_nc) as nc:
-        assert set(CONTRACT) <= set(nc.variables)
-        assert {f"{name}_QC" for name in CONTRACT if name != "TIME"} <= set(nc.variables)
+        assert {*CONTRACT, *(f"{name}_QC" for name in CONTRACT if name != "TIME")} <= set(nc.variables)
         assert nc["UCUR"].dimensions == nc["DEPTH"].dimensions == ("TIME", "BIN")
         assert nc["HEADING"].dimensions == ("TIME",)
-        for name, variable in nc.variables.items():
-            for other in getattr(variable, "ancillary_variables", "").split():
-                assert other in nc.variables, f"{name} names {other}"
 
 
 def test_product_contains_the_measured_variables_only(tmp_path):
@@ -279,40 +247,17 @@ def test_product_contains_the_measured_variables_only(tmp_path):
         assert {*variables.CORRECTED} - {*nc.variables} == measured_only and "BEAM" not in nc.variables
 
 
-def table_row(variable: variables.Variable, flagged: bool = False, optional: bool = False) -> str:
-    said = [f"{variable.long_name}.", variable.comment]
-    said += [f"From {variable.reference}."] if variable.reference in (variables.TRUE, variables.MAGNETIC) else []
-    said += [f"`{variable.standard_name}`."] if variable.standard_name else []
-    said += ["*Flagged.*"] * flagged + ["*If measured.*"] * optional
-    what, dimensions = " ".join(filter(None, said)), ", ".join(variable.dimensions) or "-"
-    return f"| `{variable.name}` | {dimensions} | {variable.units or '-'} | {what} |"
+def test_product_page_lists_every_variable():
+    page = (Path(__file__).resolve().parents[2] / "docs/reference/product.md").read_text()
+    for name, variable in variables.CORRECTED.items():
+        assert f"| `{name}` | {', '.join(variable.dimensions) or '-'} | {variable.units or '-'} |" in page
 
 
-def test_product_page_lists_the_current_variables(tmp_path):
-    with netCDF4.Dataset(write(tmp_path / "whole.nc", make_product(**measured()))) as nc:
-        flagged = {name.removesuffix("_QC") for name in nc.variables if name.endswith("_QC")}
-    optional = {"TEMP", "PRES", *variables.PROFILES.values()}
-    coordinates = (variables.TIME, variables.BIN, variables.BEAM, variables.LATITUDE, variables.LONGITUDE)
-    rows = [table_row(entry) for entry in (*coordinates, variables.STATION)]
-    rows += [table_row(entry, name in flagged, name in optional) for name, entry in variables.CORRECTED.items()]
-    page = Path(__file__).resolve().parents[2] / "docs/reference/product.md"
-    assert "\n".join([*rows, ""]) in page.read_text(), "the table should be:\n" + "\n".join(rows)
-
-
-def test_product_written_in_parts_equals_one_write(tmp_path):
-    product, pieces = make_product(**measured()), (slice(0, 70), slice(70, 200))
-
-    class Pieces:
-        record = product.record
-
-        def __iter__(self):
-            yield from (dataclasses.replace(take(product, some), record=take(product.record, some)) for some in pieces)
-
-    write(tmp_path / "one.nc", product), write(tmp_path / "two.nc", Pieces())
-    with netCDF4.Dataset(tmp_path / "one.nc") as one, netCDF4.Dataset(tmp_path / "two.nc") as two:
-        for name in one.variables:
-            np.testing.assert_array_equal(one[name][...], two[name][...], err_msg=name)
-            assert str(one[name].__dict__) == str(two[name].__dict__)
+def test_uncorrectable_products_are_written(tmp_path):
+    with netCDF4.Dataset(write(tmp_path / "all.nc", make_product(uncorrectable=200))) as nc:
+        assert nc["HEADING_CORRECTED"][:].mask.all() and nc["UCUR"][:].mask.all()
+        assert (nc["HEADING_CORRECTED_QC"][:] == BAD).all()
+        assert (nc.headings_recorded, nc.headings_corrected) == (200, 0)
 
 
 def test_headings_stay_below_360_and_differ_by_the_deviation(tmp_path):
@@ -360,12 +305,8 @@ def test_time_is_precise_to_ten_microseconds(tmp_path):
 # Attributes required by the OceanSITES 1.4 manual (GDAC), with their expected values.
 OCEANSITES = {
     "site_code": "EG4",
-    "platform_code": "EG4",
     "Conventions": "CF-1.11, ACDD-1.3, OceanSITES-1.4",
-    "geospatial_lat_min": 65.3333,
     "geospatial_lat_max": 65.3333,
-    "geospatial_lon_min": -32.955,
-    "geospatial_lon_max": -32.955,
     "time_coverage_start": "2007-09-05T13:46:40Z",
     "time_coverage_end": "2007-09-08T08:06:40Z",
     "time_coverage_duration": "P2DT18H20M",
@@ -384,26 +325,15 @@ def test_attributes_required_by_oceansites_are_present(corrected_nc):
 def test_variables_have_sensor_vocabulary_and_standard_names(corrected_nc):
     with netCDF4.Dataset(corrected_nc) as nc:
         assert nc["UCUR"].sensor_serial_number == 1367 and nc["UCUR"].sensor_orientation == "upward"
-        assert nc["UCUR"].sensor_mount == "mounted_on_mooring_line" and nc["UCUR"].sdn_uom_urn == "SDN:P06::UVAA"
-        assert nc["UCUR"].sdn_uom_name == "Metres per second" and "DECLINATION" not in nc["UCUR"].declination_comment
-        assert nc["TIME"].sdn_uom_name == "Days" and nc["DEPTH"].sdn_parameter_name.startswith("Depth (spatial")
+        assert nc["UCUR"].sdn_uom_urn == "SDN:P06::UVAA" and "DECLINATION" not in nc["UCUR"].declination_comment
         of_currents = [name for name, v in nc.variables.items() if "water_velocity" in getattr(v, "standard_name", "")]
         assert not [name for name in of_currents if "RECORDED" in name] and {"UCUR", "VCUR"} <= {*of_currents}
         assert len({v.sdn_parameter_urn for v in (nc["UCUR"], nc["VCUR"], nc["DEPTH"], nc["TIME"])}) == 4
 
 
 def test_user_attributes_override_all_but_derived_ones(tmp_path):
-    wishes = {
-        "title": "Mine",
-        "Conventions": "COARDS",
-        "time_coverage_start": "never",
-        "history": "none",
-        "data_mode": "R",
-        "software_version": "9.9",
-        "Source_Files": "none",
-        "correction_coefficients": "{}",
-        "source": "ship",
-    }
+    derived = ("Conventions", "time_coverage_start", "history", "data_mode", "software_version", "Source_Files")
+    wishes = {"title": "Mine", "source": "ship", "correction_coefficients": "{}"} | dict.fromkeys(derived, "mine")
     with netCDF4.Dataset(write(tmp_path / "c.nc", attributes=wishes)) as nc:
         assert (nc.title, nc.source, nc.data_mode) == ("Mine", "ship", "D")
         assert nc.Conventions == archive_attributes.CONVENTIONS
@@ -411,13 +341,6 @@ def test_user_attributes_override_all_but_derived_ones(tmp_path):
         assert nc.time_coverage_start == "2007-09-05T13:46:40Z" and nc.history == PROCESSING["history"]
         assert not {"creator_name", "license", "institution"} & {*nc.ncattrs()}
         assert json.loads(nc.correction_coefficients) == {"A": 0.1}
-        assert nc.source_files == "raw/EG4/top.000, raw/EG4/deep.csv"
-
-
-def test_attributes_are_stored_as_netcdf_can():
-    given_ = {"serial_number": 7, "ship": None, "big": 2**40, "depth": 12.5, "title": "Mine"}
-    expected = {"serial_number": 7, "big": "1099511627776", "depth": 12.5, "title": "Mine"}
-    assert archive_attributes.plain(given_) == expected
 
 
 @pytest.mark.parametrize(("given_east", "kept"), [(-32.955, -32.955), (327.0, -33.0), (180.0, 180.0)])
@@ -428,21 +351,9 @@ def test_longitudes_are_signed(tmp_path, given_east, kept):
         assert nc.id == "OS_E-G-4_200709_D_compass-corrected"
 
 
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [(0, "P0D"), (1200, "PT20M"), (0.5, "PT0.5S"), (59.9999, "PT1M"), (86400, "P1D"), (34214400.25, "P396DT0.25S")],
-)
+@pytest.mark.parametrize(("seconds", "text"), [(0, "P0D"), (59.9999, "PT1M"), (34214400.25, "P396DT0.25S")])
 def test_durations_are_iso_8601(seconds, text):
     assert archive_attributes.iso_duration(seconds) == text
 
 
 # ------------------------------------------------------------------------------------------------------ other libraries
-def test_xarray_decodes_the_times_of_pairs_and_records(tmp_path):
-    xarray = pytest.importorskip("xarray")
-    record, pairs = make_record(), make_pairs()
-    netcdf.write_record(tmp_path / "r.nc", record)
-    netcdf.write_pairs(tmp_path / "p.nc", pairs)
-    for file, first_s in (("r.nc", record.time_s[0]), ("p.nc", pairs.time_s[0])):
-        with xarray.open_dataset(tmp_path / file) as data:
-            late = data.TIME.values[0] - np.datetime64(round(1000 * first_s), "ms")
-        assert abs(late) < np.timedelta64(1, "us")  # float64 seconds since 1970 resolve 0.2 microseconds

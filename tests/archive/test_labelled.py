@@ -14,12 +14,8 @@ def test_product_converts_to_xarray_with_dimensions_and_units(tmp_path):
     pytest.importorskip("xarray", reason="xarray is not installed")
     product = compasslib.open_product(write(tmp_path / "corrected.nc", make_product(50, 4)))
     data = product.to_xarray()
-    assert (
-        data.STATION.values.item() == b"EG4"
-        and data.sizes["TIME"] == 50
-        and data.sizes["BIN"] == 4
-        and {"TIME", "BIN", "DEPTH"} <= {*data.coords}
-    )
+    assert (data.sizes["TIME"], data.sizes["BIN"]) == (50, 4) and {"TIME", "BIN", "DEPTH"} <= {*data.coords}
+    assert data.STATION.values.item() == b"EG4"
     step = np.abs(data.TIME.values - np.round(product.record.time_s * 1e3).astype("datetime64[ms]"))
     assert (step < np.timedelta64(1, "ms")).all()  # days since 1950 in float64
     for name, unit, values in (

@@ -52,10 +52,8 @@ def mild() -> tuple[Pairs, DeviationFit]:
         (18.9, 1.3, "declination_error", "equal to the declination (+18.0°): the directions of the reference hold"),
         (-17.0, 1.3, "declination_error", "equal to minus the declination (+18.0°): the directions of the ref"),
         (35.0, 1.3, "declination_error", "equal to twice the declination (+18.0°): it was applied with the wrong"),
-        (-37.5, 1.3, "declination_error", "equal to minus twice the declination"),
         (178.5, 1.3, "mounting_offset", "half a turn: the instrument is mounted backwards"),
         (27.0, 1.3, "mounting_offset", "more than mountings and iron explain: the axes of a processed file may be"),
-        (-60.0, 1.3, "mounting_offset", "more than mountings and iron explain"),
         (14.0, 1.3, "", "(1σ 1.3°): a mounting offset or a mistake; check declination"),
         (17.0, 4.0, "", "equal to the declination (+18.0°)"),  # four standard errors, but three of mountings are within
         (4.5, 0.3, "", ""),  # plausible for a mount
@@ -68,7 +66,7 @@ def test_a_large_constant_is_questioned_and_a_significant_one_told(angle_deg, si
     assert found.probability > 0.8 if effect else found.probability == 0.0
 
 
-@pytest.mark.parametrize("declination_deg", [0.0, 6.3, 12.0, 20.0, 40.0])
+@pytest.mark.parametrize("declination_deg", [0.0, 6.3, 20.0])
 def test_one_sound_mooring_in_a_hundred_is_accused_at_any_declination(declination_deg):
     """Mountings of 4° and errors of the reference of 2° (Student's t), standard errors as of real records: 0.8 %."""
     rng, n = np.random.default_rng(1), 2000
@@ -91,9 +89,7 @@ def test_only_a_declination_of_wrong_sign_is_questioned():
     wrong, unknown, local = map(find_declination_error, fields)
     assert unknown is None and local is None
     assert wrong.effect == "declination_error" and wrong.angle_deg == 40.0
-    assert wrong.text.startswith(
-        "the declination of the metadata is +40.0° off IGRF (-20.0°), which has the other sign"
-    )
+    assert "+40.0° off IGRF (-20.0°), which has the other sign" in wrong.text
 
 
 def test_a_subtracted_heading_bias_is_identified_with_its_instrument():
@@ -116,8 +112,7 @@ def test_constant_of_a_calibration_is_the_mean_residual(mild):
     assert found.effect == "declination_error" and found.angle_deg == pytest.approx(24.0, abs=3.0)
 
 
-@pytest.mark.parametrize("angle_deg", [-36.0, 24.0])
-def test_fit_of_a_folded_compass_recovers_a_constant(angle_deg):
+def test_fit_of_a_folded_compass_recovers_a_constant(angle_deg=-36.0):
     """From starting values without a constant, the fit converges to an implausible soft iron of 60 %."""
     seen, _ = pairs(FOLDED, n=3000, seed=5)
     wrong = replace(turned(seen, "upper", angle_deg), heading_deg=angles.wrap360(seen.heading_deg + angle_deg))
@@ -136,8 +131,9 @@ def spoilt(seen: Pairs, some: slice) -> Pairs:
     )
 
 
-@pytest.mark.parametrize("iron", [MILD, FOLDED], ids=["mild", "folded"])
-@pytest.mark.parametrize("some", [slice(0, 240), slice(1000, 1400), slice(2600, 3000)], ids=["first", "middle", "last"])
+@pytest.mark.parametrize(
+    ("iron", "some"), [(MILD, slice(0, 240)), (FOLDED, slice(1000, 1400)), (MILD, slice(2600, 3000))]
+)
 def test_a_repeated_period_is_doubted_and_the_rest_is_not(iron, some):
     seen, _ = pairs(iron, n=3000, seed=21)
     wrong = spoilt(seen, some)
@@ -147,8 +143,7 @@ def test_a_repeated_period_is_doubted_and_the_rest_is_not(iron, some):
     assert all(doubt.sigma_deg >= 10.0 and "directions differ from the reference" in doubt.why for doubt in found)
 
 
-@pytest.mark.parametrize("iron", [MILD, FOLDED], ids=["mild", "folded"])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("iron", "seed"), [(MILD, 0), (MILD, 1), (FOLDED, 2), (FOLDED, 3)])
 def test_a_sound_record_has_no_doubtful_period(iron, seed):
     seen, _ = pairs(iron, n=3000, seed=seed)
     assert find_doubtful_windows(seen, fit_exact(seen)) == ()
@@ -181,9 +176,8 @@ def test_slack_water_is_not_another_compass():
 @pytest.mark.parametrize(("angle_deg", "days", "doubted"), [(18.0, 12, True), (18.0, 5, False), (8.0, 12, False)])
 def test_two_consecutive_turned_windows_are_doubted_but_not_one(angle_deg, days, doubted):
     seen, _ = pairs(MILD, n=3000, seed=21)
-    moved = turned(
-        seen, "upper", np.where((np.arange(3000) >= 1200) & (np.arange(3000) < 1200 + 24 * days), angle_deg, 0)
-    )
+    turn = np.where((np.arange(3000) >= 1200) & (np.arange(3000) < 1200 + 24 * days), angle_deg, 0)
+    moved = turned(seen, "upper", turn)
     inside, _ = evaluate_doubts(find_doubtful_windows(moved, fit_exact(moved)), moved.time_s)
     assert inside[1230 : 1170 + 24 * days].mean() > 0.9 if doubted else not inside.any()
 
@@ -197,18 +191,6 @@ def test_whole_record_is_doubted_if_a_large_part_disagrees(until, whole):
     inside, sigma = evaluate_doubts(found, wrong.time_s)
     assert inside[:until].mean() > 0.9 and inside[until + 130 :].any() == whole
     assert not whole or sigma[until:].min() > 40.0
-
-
-def test_a_slope_in_a_narrow_heading_range_is_not_doubted():
-    """A veer of a few degrees with heading does not indicate another compass, however steep it is."""
-    seen, heading = pairs(MILD, n=3000, seed=2)
-    near = np.flatnonzero(np.abs(angles.difference(heading, 90.0)) < 4.0)
-    at = np.arange(3000)
-    at[1200:1320] = near[np.arange(120) % len(near)]
-    names = ("heading_deg", "upper_east", "upper_north", "lower_east", "lower_north")
-    stayed = replace(seen, **{name: getattr(seen, name)[at] for name in names})
-    slope = np.where(at == np.arange(3000), 0.0, 1.2 * angles.difference(heading[at], 90.0))
-    assert find_doubtful_windows(turned(stayed, "upper", slope), fit_exact(seen)) == ()
 
 
 def test_doubts_change_flags_and_uncertainty_only_in_their_period():
@@ -277,9 +259,8 @@ def test_a_clock_error_may_explain_a_questioned_constant(mild, rest):
     seen, first = mild
     refitted = replace(first, coefficients=first.coefficients + 0.01 * np.eye(5)[0])
     where = CovariateRange("turn_rate", -10.0, 10.0, "all along")
-    clock = Finding(
-        "clock_offset", "clock", (), where, None, {"hours": Parameter(1.5, 0.1, "h")}, 20.0, UNTESTED, "A clock.", 0.99
-    )
+    hours = {"hours": Parameter(1.5, 0.1, "h")}
+    clock = Finding("clock_offset", "clock", (), where, None, hours, 20.0, UNTESTED, "A clock.", 0.99)
     searched = Diagnosis("explained", findings=(clock,), fit=refitted)
     questioned = ConstantOffset(18.0, 1.0, "declination_error", "equal to the declination", 0.9)
     made = concluded(seen, first, diagnosis=searched, find=lambda fit: questioned if fit is first else rest)
@@ -287,12 +268,15 @@ def test_a_clock_error_may_explain_a_questioned_constant(mild, rest):
     assert bool(made.product.doubts) == bool(rest.effect)
 
 
-def test_an_implausible_configured_fit_is_insufficient_despite_effects(mild):
+def test_an_implausible_or_contradicted_fit_is_insufficient(mild):
     seen, sound = mild
     wrong = replace(sound, coefficients=np.array([0.0, 0.2, 0.1, 0.7, 0.1]), covariance=1e-4 * np.eye(5))
-    made = concluded(seen, wrong, diagnosis=Diagnosis("explained", fit=sound))
-    assert made.diagnosis.verdict == "insufficient" and "soft iron of 7" in made.diagnosis.why
-    assert made.product.doubts[0].sigma_deg == angles.UNIFORM_SIGMA_DEG
+    other = replace(wrong, method="calibration", coefficients=np.array([0.0, -0.7, 0.7, 0.0, 0.0]))
+    searched = concluded(seen, wrong, diagnosis=Diagnosis("explained", fit=sound))
+    carried = concluded(seen, other, calibration="bench")
+    for made, why in ((searched, "soft iron of 7"), (carried, "calibration bench: ")):
+        assert made.diagnosis.verdict == "insufficient" and why in made.diagnosis.why
+        assert made.product.doubts[0].sigma_deg == angles.UNIFORM_SIGMA_DEG
 
 
 def test_a_doubtful_period_makes_the_verdict_unexplained_with_dates():
@@ -305,25 +289,16 @@ def test_a_doubtful_period_makes_the_verdict_unexplained_with_dates():
 
 
 @pytest.mark.parametrize(("size_deg", "doubted"), [(9.0, False), (12.0, True)])
-def test_a_large_unexplained_mismatch_makes_all_headings_doubtful(mild, size_deg, doubted):
+def test_a_large_mismatch_without_a_settled_cause_makes_all_headings_doubtful(mild, size_deg, doubted):
     place = CovariateRange("heading", 0.0, 360.0, "all round")
     left = Unexplained(("heading",), place, None, size_deg, (), "A mismatch.")
     made = concluded(*mild, diagnosis=Diagnosis("unexplained", unexplained=left))
     assert [doubt.from_s for doubt in made.product.doubts] == [-np.inf] * doubted
-
-
-@pytest.mark.parametrize(("size_deg", "doubted"), [(9.0, False), (12.0, True)])
-def test_a_large_correction_by_a_cause_that_is_not_settled_makes_all_headings_doubtful(mild, size_deg, doubted):
-    where = CovariateRange("speed", 0.0, 0.5, "along speed")
-    found = Finding(
-        "temperature", "compass", ("current_veer",), where, None, {}, size_deg, UNTESTED, "A turn.", True, 0.7,
-        {"current_veer": 0.3},
-    )  # fmt: skip
+    rivals = ("temperature", "compass", ("current_veer",), place, None, {}, size_deg, UNTESTED, "A turn.")
+    found = Finding(*rivals, True, 0.7, {"current_veer": 0.3})
     made = concluded(*mild, diagnosis=Diagnosis("ambiguous", findings=(found,)))
     assert [doubt.sigma_deg for doubt in made.product.doubts] == [size_deg] * doubted
-    assert made.diagnosis.why.startswith(
-        "temperature is the likeliest cause (70 %), but current veer would fit as well"
-    )
+    assert "temperature is the likeliest cause (70 %), but current veer would" in made.diagnosis.why
 
 
 @pytest.mark.parametrize(
@@ -342,12 +317,8 @@ def test_a_large_correction_by_a_cause_that_is_not_settled_makes_all_headings_do
 )
 def test_use_follows_from_verdict_flags_and_uncertainty(verdict, flag, share, sigma_deg, answer):
     left = {"rms_effect_deg": 6.0, "where": {"text": "along speed"}} if verdict == "unexplained" else None
-    diagnosis = {
-        "verdict": verdict,
-        "unexplained": left,
-        "why": "A reason. Limits.",
-        "detectable_deg": {"a": 3.0, "b": 4.0},
-    }
+    limits = {"a": 3.0, "b": 4.0}
+    diagnosis = {"verdict": verdict, "unexplained": left, "why": "A reason. Limits.", "detectable_deg": limits}
     flags = np.where(np.arange(100) < 100 * share, flag, GOOD)
     use = answer_use(diagnosis, flags, np.where(flags < 4, sigma_deg, np.nan))
     assert (use["answer"], use["sigma_deg"], use["unseen_deg"]) == (answer, sigma_deg, 4.0) and use["why"]
@@ -370,15 +341,6 @@ def test_a_record_that_contradicts_its_fit_makes_all_headings_doubtful(mild):
     made = concluded(*mild, diagnosis=few)
     assert made.diagnosis.why == few.why and made.product.doubts[0].sigma_deg == angles.UNIFORM_SIGMA_DEG
     assert concluded(*mild, diagnosis=replace(few, refutes_fit=False)).product.doubts == ()
-
-
-def test_a_contradicted_calibration_is_insufficient_and_named(mild):
-    seen, fit = mild
-    coefficients = np.array([0.0, -0.7, 0.7, 0.0, 0.0])
-    other = replace(fit, method="calibration", covariance=np.eye(5) * 1e-4, coefficients=coefficients)
-    made = concluded(seen, other, calibration="bench")
-    assert made.diagnosis.verdict == "insufficient" and made.diagnosis.why.startswith("calibration bench: ")
-    assert made.product.doubts[0].sigma_deg == angles.UNIFORM_SIGMA_DEG
 
 
 @pytest.mark.parametrize("confirmed", [False, True])

@@ -78,11 +78,6 @@ def test_a_compass_moored_where_it_was_calibrated_is_unchanged():
     assert np.diag(stayed.covariance) == pytest.approx(np.diag(here.covariance), rel=1e-2) and stayed.warning == ""
 
 
-def test_a_weak_field_is_warned_of():
-    carried = transfer_coefficients([placed(BREST)], FieldAtPlace(4000.0, 56000.0))
-    assert carried.warning.startswith("the horizontal field is 4000 nT; below 5000 nT no correction is reliable")
-
-
 @pytest.mark.parametrize(("horizontal", "warns"), [(4900.0, True), (5100.0, False)])
 def test_a_mooring_in_a_weak_field_is_warned_of_at_sea_too(tmp_path, horizontal, warns):
     """Le Menn et al. 2023, section 7: below 5000 nT corrections are no longer valid."""

@@ -18,7 +18,7 @@ from compasslib.deviation.series import (
 from tests.world.sea import MILD, pairs
 
 
-@pytest.mark.parametrize(("b", "recorded"), [(0, 90), (20, 70), (45, 45), (57.3, 32.7), (90, 0), (135, -45)])
+@pytest.mark.parametrize(("b", "recorded"), [(0, 90), (45, 45), (135, -45)])
 def test_figure_5_at_a_correct_heading_of_90(b, recorded):
     assert 90.0 - series_deviation((0, b, 0, 0, 0), 90.0) == pytest.approx(recorded)
 

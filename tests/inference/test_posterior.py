@@ -9,7 +9,7 @@ from benchmarks import discrepancy as bench
 from benchmarks.discrepancy import field_of, fitted
 from compasslib import angles
 from compasslib.deviation.average import CompassSeries, average_compasses
-from compasslib.effects import SIDES, SLOW_WATER
+from compasslib.effects import SIDES
 from compasslib.inference import design, heldout, linear_model, noise, places, search
 from compasslib.inference.finding import Detection
 from compasslib.inference.kinds.mooring import diagnose
@@ -43,6 +43,7 @@ def test_probabilities_add_up(lobes, iron):
         for chances in found.chances:
             assert 0.95 <= sum(chances.values()) <= 1.0 + 1e-9
             assert {name for name in [*chances][1:] if not name.startswith("composed:")} <= set(SIDES)
+        assert np.exp([option.share for option in found.model.options]).sum() == pytest.approx(1.0)
 
 
 def test_the_true_effect_and_its_side_are_most_probable(lobes):
@@ -51,11 +52,6 @@ def test_the_true_effect_and_its_side_are_most_probable(lobes):
     assert found.sides()["compass"] > 0.99
     first, further = found.detections
     assert first.rank_p == 0.005 and further.rank_p > 0.01  # of 199 surrogates
-
-
-def test_prior_probabilities_of_the_options_add_up(lobes):
-    _, found = lobes
-    assert np.exp([option.share for option in found.model.options]).sum() == pytest.approx(1.0)
 
 
 def test_products_give_the_evidence_of_the_gaussian_model(lobes):
@@ -110,8 +106,7 @@ def test_a_veering_current_is_stated_by_its_driver():
     assert not found.applied or not any(one.compass for one in found.applied[:1] if one.effect == "none")
 
 
-@pytest.mark.parametrize("driver", ["tide", "tilt"])
-@pytest.mark.parametrize("acts_on", ["offset", "veer"])
+@pytest.mark.parametrize(("acts_on", "driver"), [("offset", "tide"), ("veer", "tilt")])
 def test_reading_and_current_with_the_same_driver_share_the_probability(acts_on, driver):
     """Both yield nearly the same pairs. Regression test: the current, treated as noise, took all of the probability."""
     made = world.make(3, wide=True, n=4000)
@@ -140,15 +135,6 @@ def test_an_uninformative_record_states_no_current():
     known = noise.infer_current(drivers, np.diag([1e3, *[1e-9] * 7]), np.array([1e3, *[0.0] * 7]))
     probability, stated = known.statements(16.0 * np.eye(8), 0.5)
     assert probability > 0.95 and stated[0].driver == "speed" and 3.5 < stated[0].size_deg < 4.5
-
-
-def test_slow_noise_is_the_alternative_to_a_weak_drift():
-    _, found = inferred({"compass_drift": 3.0}, 6, n=4000)
-    if found.chances:
-        (place,) = found.places
-        assert found.chances[0].get(SLOW_WATER, 0.0) == pytest.approx(place.none, abs=0.06)
-    else:
-        assert found.sides()["none"] + found.sides()["water"] > 0.2
 
 
 def test_slow_noise_columns_have_the_variance_of_the_process(lobes):

@@ -4,7 +4,6 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import pytest
 from scipy.signal import lfilter
 
 from benchmarks.discrepancy import field_of, fitted
@@ -39,10 +38,9 @@ def test_slow_veer_widens_the_uncertainty_of_the_constant():
     assert slow.fit.covariance[0, 0] >= slow.covariance[0, 0] * 0.99
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_slow_veer_alone_is_no_finding(seed):
-    found = told(4.0, seed)
-    assert found.verdict == "consistent" and found.sides["compass"] < 0.5
+def test_slow_veer_alone_is_no_finding():
+    for found in (told(4.0, 0), told(4.0, 1)):
+        assert found.verdict == "consistent" and found.sides["compass"] < 0.5
 
 
 def test_a_large_slip_is_found_despite_slow_veer():

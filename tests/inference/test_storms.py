@@ -51,11 +51,6 @@ def storm_index(rng, time_s):
     return index.clip(0.0, 400.0)
 
 
-def unseen_disturbance(rng, index, size_deg):
-    """Simulate the displacement of magnetic north in storms known only by an index, degrees east, (n,)."""
-    return size_deg * index * red_noise(rng, index.size, memory=3.0, deviation=1.0)
-
-
 @pytest.fixture(scope="module")
 def polar():
     return world.planted(replace(world.make(3, wide=True, n=HOURS), earth=WEAK_NT), {})
@@ -97,7 +92,7 @@ def test_an_index_identifies_storms_and_corrects_nothing(polar):
     rng = np.random.default_rng(3)
     index = storm_index(rng, polar.pairs.time_s)
     size_deg = np.rad2deg(8.0 / WEAK_NT[0])
-    stormy = swung(polar, unseen_disturbance(rng, index, size_deg))
+    stormy = swung(polar, size_deg * index * red_noise(rng, index.size, memory=3.0, deviation=1.0))
     found = long_record.storm_finding(state_of(stormy, {"ap": index}))
     size = found.parameters["nT_ap"]
     assert (found.effect, found.side, found.applied) == ("field_disturbance", "compass", False)
@@ -106,9 +101,6 @@ def test_an_index_identifies_storms_and_corrects_nothing(polar):
     assert long_record.storm_finding(state_of(stormy, {"ap": np.roll(index, 24 * 70)})) is None
     assert long_record.storm_finding(state_of(stormy, {"ap": index}, magnetic=True)) is None
     assert long_record.storm_finding(state_of(stormy)) is None
-
-
-def test_kp_and_tenfold_kp_are_converted_to_ap():
-    kp = np.array([0.0, 1.0 / 3.0, 4.0, 8.667, 9.0])
-    assert covariates.storm_index({"kp": kp}) == pytest.approx([0, 2, 27, 300, 400], abs=0.2)
-    assert covariates.storm_index({"kp": 10.0 * kp}) == pytest.approx([0, 2, 27, 300, 400], abs=0.2)
+    for tenfold in (1.0, 10.0):
+        kp = tenfold * np.array([0.0, 1.0 / 3.0, 4.0, 8.667, 9.0])
+        assert covariates.storm_index({"kp": kp}) == pytest.approx([0, 2, 27, 300, 400], abs=0.2)

@@ -36,22 +36,21 @@ def sets(found: Diagnosis) -> list[set[str]]:
     return [{one.effect, *one.alternatives} for one in found.findings]
 
 
+LOBES = {"sine_deg": 3.0 * np.cos(np.radians(40.0)), "cosine_deg": 3.0 * np.sin(np.radians(40.0))}
+STRONG = replace(BOAT, iron=Iron((20000.0, 0.0, 0.0)), minutes=40.0)
+
+
 @pytest.mark.parametrize(
     ("boat", "names", "side", "truth"),
     [
         pytest.param(replace(BOAT, water_kn=WATER_KN), {"water_drift"}, "water", CURRENT, id="speeds that vary"),
         pytest.param(replace(ONE_SPEED, log_scale=1.04), {"water_drift"}, "water", CURRENT, id="a speed log"),
-        pytest.param(
-            replace(BOAT, lobes=(3, 3.0, 40.0)), {"sextantal"}, "compass",
-            {"sine_deg": 3.0 * np.cos(np.radians(40.0)), "cosine_deg": 3.0 * np.sin(np.radians(40.0))}, id="harmonic",
-        ),
+        pytest.param(replace(BOAT, lobes=(3, 3.0, 40.0)), {"sextantal"}, "compass", LOBES, id="harmonic"),
         pytest.param(replace(BOAT, plan=LEGS, lag_s=6.0), {"compass_lag", "clock_offset"}, "", {}, id="late reading"),
         pytest.param(replace(BOAT, plan=LEGS, clock_s=-9.0), {"course_lag", "clock_offset"}, "", {}, id="clock"),
-        pytest.param(
-            replace(BOAT, iron=Iron((20000.0, 0.0, 0.0)), minutes=40.0), {"large_deviation"}, "compass", {}, id="iron"
-        ),
+        pytest.param(STRONG, {"large_deviation"}, "compass", {}, id="iron"),
     ],
-)  # fmt: skip
+)
 def test_one_effect_is_identified_with_its_size(tmp_path, boat, names, side, truth):
     found = swung(tmp_path, boat)
     (one,) = found.findings
@@ -130,8 +129,7 @@ def test_a_log_without_times_and_with_correlated_errors_is_refused(tmp_path):
 def test_many_independent_readings_are_searched(tmp_path):
     rng, heading = np.random.default_rng(5), np.arange(0.0, 720.0, 3.0)
     wrong = heading + 4.0 * np.sin(np.deg2rad(3.0 * heading)) + rng.normal(0.0, 1.0, len(heading))
-    path = tmp_path / "bench.csv"
-    iron.write(path, reference_deg=heading % 360.0, recorded_deg=wrong % 360.0)
+    path = iron.write(tmp_path / "bench.csv", reference_deg=heading % 360.0, recorded_deg=wrong % 360.0)
     assert [one.effect for one in kinds.diagnose("platform", [path], {}, Options()).findings] == ["sextantal"]
 
 

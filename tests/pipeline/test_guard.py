@@ -81,7 +81,7 @@ def may_write() -> bool:
     return "EG1" in guard.to_simulate(demonstration({"EG1": RAW}))
 
 
-def simulate(content: str = "simulated") -> None:
+def simulate(content: str) -> None:
     """Write the simulated files and their record, as the job does."""
     for file in [*RAW, TRUTH]:
         put(file, content + file)
@@ -93,16 +93,12 @@ def put(file: str, content: str = "measured") -> None:
     Path(file).write_text(content)
 
 
-def test_nothing_is_simulated_outside_a_demonstration():
+def test_only_a_demonstration_is_simulated_and_may_write_new_files_and_its_own():
     assert guard.to_simulate(demonstration({"EG1": RAW}, on=False)) == {}
-
-
-def test_simulation_may_write_new_files_and_its_own():
     assert may_write()
-    simulate()
-    assert may_write() and Path(RAW[0]).read_text() == f"simulated{RAW[0]}"
-    simulate("by another seed")
-    assert may_write()
+    for content in ("simulated", "by another seed"):
+        simulate(content)
+        assert may_write() and Path(RAW[0]).read_text() == f"{content}{RAW[0]}"
 
 
 def test_complete_measured_files_are_only_read_unless_a_record_says_that_they_are_simulated():

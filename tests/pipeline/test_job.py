@@ -8,7 +8,7 @@ import pytest
 from snakemake.iocontainers import Namedlist
 
 from compasslib.archive import files, netcdf, provenance
-from compasslib.errors import InputError, Stopped, TransientError, Unusable
+from compasslib.errors import InputError, TransientError, Unusable
 from compasslib.pipeline.job import flatten, parameters, run_stage, unflatten
 
 LOG, RECORD = Path("results/M1/logs/read.log"), Path("results/M1/logs/read.json")
@@ -60,11 +60,6 @@ def test_the_record_states_settings_and_hashes():
     assert LOG.read_text() == "M1 read from ['raw/a']\n" and Path(MADE["table"]).read_text() == "M1 exact"
 
 
-def test_record_of_an_earlier_version_is_read(tmp_path):
-    files.write_json(tmp_path / "field.json", {"stage": "fit", "stopped": None})
-    assert files.read_json(tmp_path / "field.json") == {"stage": "fit", "stopped": None}
-
-
 def test_reason_is_handed_on_in_place_of_data(capsys):
     run(failing(DAMAGED), always_ends=True)
     reason = {"stage": "read", "why": str(DAMAGED), "file": "raw/a", "advice": "mend it"}
@@ -84,16 +79,17 @@ PROGRAM = "an error of this program in read, ZeroDivisionError: 1 by 0; report i
 MEMORY = "read ran out of memory; run again with fewer --cores, so that fewer jobs share it, or on a larger machine"
 
 
+ENDED = "an error of this program in read, SystemExit: 0; report it, and make the pages of the cruise"
+
+
 @pytest.mark.parametrize(("error", "said"), [
     (DAMAGED, "raw/a: line 2: expected a number, found two; mend it"),
     (ZeroDivisionError("1\nby 0"), f"{PROGRAM} without it: --config without=M1"),
     (MemoryError(), MEMORY),
     (TransientError("results/x", expected="room", found="none", advice="free some"),
      "results/x: expected room, found none; free some"),
-    (SystemExit(0), "an error of this program in read, SystemExit: 0; report it, and make the pages of the cruise "
-     "without it: --config without=M1"),
+    (SystemExit(0), f"{ENDED} without it: --config without=M1"),
     (KeyboardInterrupt(), "read was interrupted; run again to take it up"),
-    (Stopped("mooring M1: why"), "why"),
 ])  # fmt: skip
 def test_failed_job_says_why_in_one_line(capsys, error, said):
     """Only content that cannot be used is a reason to go on without it."""

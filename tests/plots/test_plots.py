@@ -1,6 +1,5 @@
 """Would catch a figure that is missing or illegible, a line across a cut, bytes that differ from run to run."""
 
-import re
 import subprocess
 import sys
 from dataclasses import dataclass, replace
@@ -122,20 +121,17 @@ DEAF = replace(record(SMALL), heading_deg=np.full(SAMPLES, np.nan), depth_m=np.f
 KINDS = {
     "unfolded": (SMALL, SMALL_FIT, record(SMALL)),
     "folded": (LARGE, LARGE_FIT, record(LARGE)),
-    "published": (SMALL, fit_series(SMALL), record(SMALL)),
     "published and folded": (LARGE, fit_series(LARGE), record(LARGE)),
     "no fit and no pairs": (NONE, UNREFERENCED, record(SMALL)),
     "too few pairs": (FEW, unfitted("exact", 7), record(SMALL)),
     "fit from elsewhere": (NONE, replace(LARGE_FIT, n_pairs=0), record(LARGE)),
     "nothing recorded": (NONE, UNREFERENCED, DEAF),
-    "two days": (NONE, UNREFERENCED, record(SMALL, 48)),
     "one sample": (NONE, UNREFERENCED, record(SMALL, 1)),
     "no sample": (NONE, UNREFERENCED, record(SMALL, 0)),
 }
 
 
 CHECKED = dict.fromkeys(("unfolded", "folded", "published and folded", "no fit and no pairs"), DRAWN) | {
-    "published": ("deviation",),
     "too few pairs": ("deviation", "scatter"),
     "fit from elsewhere": ("deviation",),
     "nothing recorded": ("roses", "sticks", "progressive", "timeline"),
@@ -166,11 +162,6 @@ def words(figure: Figure) -> str:
     return " ".join(text.get_text().replace("\n", " ") for text in figure.findobj(Text) if text.get_visible())
 
 
-def sentences(figure: Figure) -> list[str]:
-    """Return the texts that end in a full stop: sentences belong in the caption."""
-    return [text.get_text() for text in figure.findobj(Text) if text.get_visible() and text.get_text().endswith(".")]
-
-
 def boxes(figure: Figure):
     """Return the bounding boxes of the legends and of each panel with its labels, pixels."""
     artists = [*figure.legends, *figure.axes]
@@ -196,53 +187,8 @@ def residuals(covariate: str, low: float, high: float) -> dict:
     }
 
 
-def test_diagnosis_figure_is_legible_with_units_on_its_axes(tmp_path):
-    curves = [residuals("heading", 5, 355), residuals("time", START_S, START_S + 3e7), residuals("speed", 0.02, 0.5)]
-    found = {"effect": "temperature", "side": "compass", "alternatives": ["compass_drift"], "text": "It follows it."}
-    content = {"verdict": "ambiguous", "findings": [found], "unexplained": None, "curves": curves, "not_testable": []}
-    content |= {"separated_by": "a swing", "why": "", "negligible": [], "hypotheses": []}
-    for name, dated, unit in (("a", True, "m/s"), ("b", False, "kn")):
-        path = tmp_path / name / "diagnosis.png"
-        path.parent.mkdir()
-        page = saved(lambda dated=dated, path=path: diagnosis.draw_diagnosis(path, content, dated=dated))
-        check_page(path, page)
-        labels = [axes.get_xlabel() for axes in page.axes]
-        assert any("eading (°)" in label for label in labels) and any(f"({unit})" in label for label in labels)
-
-
-def test_diagnosis_figure_shows_each_effect_and_held_out_days(tmp_path):
-    """Each of two composed effects has a panel with the line of equality and a row in the held-out panel."""
-    turns = [residuals("turn_by_composed", -3.0, 3.0), residuals("turn_by_composed", -1.0, 1.0)]
-    size = {"fitted_elsewhere": 2.6, "held_out": 2.4, "low": 1.5, "high": 3.3}
-    proof = {"rms_before_deg": 4.0, "rms_after_deg": 3.0, "p_value": 0.001, "amplitude_deg": size}
-    made_of = [{"acts_on": "reading", "driver": driver, "form": "smooth"} for driver in ("depth", "tilt")]
-    found = [
-        {
-            "effect": "composed",
-            "side": "compass",
-            "alternatives": [],
-            "text": "",
-            "heldout": proof,
-            "composition": one,
-            "when": {"from": "2007-09-04T00:00:00Z", "to": None},
-            "heading_error_without_deg": 2.5,
-        }
-        for one in made_of
-    ]
-    content = {"verdict": "explained", "findings": found, "unexplained": None, "curves": turns}
-    page = saved(lambda: diagnosis.draw_diagnosis(tmp_path / "d.png", content, dated=True))
-    check_page(tmp_path / "d.png", page)
-    first, second, held_out = page.axes
-    for axes, reach in ((first, 3.0), (second, 1.0)):
-        (line,) = (one for one in axes.lines if one.get_color() == BLACK)
-        np.testing.assert_allclose(line.get_ydata(), np.linspace(-reach, reach, 12))
-    assert [text.get_text() for text in held_out.get_yticklabels()] == ["unlisted, by depth", "unlisted, by tilt"]
-    assert held_out.get_xlabel() == "Size (° rms)"
-    said = diagnosis_caption(content)
-    assert "z = (x − middle)/range" in said
-
-
-def test_diagnosis_figure_shows_the_held_out_slope(tmp_path):
+def test_diagnosis_figure_shows_effects_and_held_out_slope(tmp_path):
+    """A panel with the held-out slope and its wedge, sizes before and after a date, a row of held-out sizes."""
     slope, placebo = {"value": 0.5, "low": -0.25, "high": 1.25}, {"n": 19, "rank_p": 0.15}
     size = {"fitted_elsewhere": 2.0, "held_out": 1.0, "low": -0.5, "high": 2.5}
     proof = {"rms_before_deg": 4.0, "rms_after_deg": 3.0, "amplitude_deg": size, "slope": slope, "placebo": placebo}
@@ -253,45 +199,35 @@ def test_diagnosis_figure_shows_the_held_out_slope(tmp_path):
     content = {"verdict": "ambiguous", "findings": [found], "unexplained": None, "curves": curves}
     page = saved(lambda: diagnosis.draw_diagnosis(tmp_path / "d.png", content, dated=True))
     check_page(tmp_path / "d.png", page)
-    turn, heading, sized, _ = page.axes
+    turn, heading, sized, held_out = page.axes
     assert sized.get_title("left") == "(c) temperature" and "date of the change" in words(page)
-    assert "25 of 36 bins outside the 95 % range of noise without, 0 with correction" in diagnosis_caption(content)
-    title = turn.get_title("left").replace("\n", " ")
-    slope_title = "(a) held-out days: slope 0.50 (−0.25 to 1.25), better predicted than 17 of 19 simulations without it"
-    assert title == slope_title and heading.get_title("left") == "(b) residual"
+    assert "slope 0.50 (−0.25 to 1.25), better predicted than 17 of 19" in turn.get_title("left").replace("\n", " ")
+    assert heading.get_title("left") == "(b) residual" and held_out.get_xlabel() == "Size (° rms)"
     (wedge,) = turn.collections[0].get_paths()
     assert {(-2.0, 0.5), (-2.0, -2.5), (4.0, -1.0), (4.0, 5.0)} <= {tuple(point) for point in wedge.vertices.round(9)}
+    assert "25 of 36 bins outside the 95 % range of noise without, 0 with correction" in diagnosis_caption(content)
 
 
 LONG = "the deviation of a compass whose gimbal sticks at the temperature of the water changing with the echo"
-WORD = "Hydrographic_mooring_of_the_year_2007_with_a_name_that_has_no_gap_anywhere"
 
 
-@pytest.mark.parametrize(("name", "panels", "rows"), [("sextantal", 0, 1), (LONG, 6, 14), (WORD, 6, 14)])
-def test_diagnosis_panels_keep_their_size_with_long_names(tmp_path, name, panels, rows):
+def test_diagnosis_of_many_effects_with_long_names_is_legible(tmp_path):
     proof = {"rms_before_deg": 4.0, "rms_after_deg": 3.0, "p_value": 0.001}
-    found = [{"effect": name, "side": "compass", "alternatives": [], "text": "", "heldout": proof}] * rows
-    curves = [residuals(("heading", "speed", "time")[k % 3], 5.0, 355.0) | {"compared": name} for k in range(panels)]
-    ranked = [{"effect": name, "score": 3.0**k} for k in range(rows)]
+    found = [{"effect": LONG, "side": "compass", "alternatives": [], "text": "", "heldout": proof}] * 14
+    curves = [residuals(("heading", "speed", "time")[k % 3], 5.0, 355.0) | {"compared": LONG} for k in range(6)]
+    ranked = [{"effect": LONG, "score": 3.0**k} for k in range(14)]
     content = {"verdict": "explained", "findings": found, "unexplained": None, "curves": curves, "hypotheses": ranked}
     page = saved(lambda: diagnosis.draw_diagnosis(tmp_path / "d.png", content, dated=False))
     check_page(tmp_path / "d.png", page)
-    sizes = [(axes.bbox.width, axes.bbox.height) for axes in page.axes]
-    assert min(wide for wide, _ in sizes) >= 0.45 * page.bbox.width
-    assert all(high >= 0.8 * DPI for _, high in sizes[:panels]) and all(high >= 0.1 * DPI for _, high in sizes)
+    assert all(axes.bbox.width >= 0.45 * page.bbox.width for axes in page.axes)
     renderer = page.canvas.get_renderer()
-    for axes in page.axes[panels:]:
+    for axes in page.axes[6:]:
         # The extent of a text includes a margin of one or two pixels.
         names = [text.get_window_extent(renderer).padded(-1.0) for text in axes.get_yticklabels()]
         assert not any(a.overlaps(b) for a, b in pairwise(sorted(names, key=lambda box: box.y0)))
-    for axes in page.axes:  # matplotlib's layout ignores the width of titles and axis labels
-        for text in (axes.title, axes._left_title, axes.xaxis.label):
-            box = text.get_window_extent(renderer)
-            assert box.x0 >= 0.0 and box.x1 <= page.bbox.width + 1.0
 
 
-@pytest.mark.parametrize("covariate", ["heading", "time", "speed"])
-@pytest.mark.parametrize("dated", [True, False])
+@pytest.mark.parametrize(("covariate", "dated"), [("heading", True), ("time", True), ("time", False), ("speed", False)])
 def test_nothing_is_drawn_where_there_are_no_data(tmp_path, dated, covariate):
     """Bins from 5 to 95 and from 265 to 355: neither the band nor the effect spans the gap of 170."""
     scale = {"heading": 1.0, "time": 86400.0, "speed": 0.01}[covariate]
@@ -307,20 +243,11 @@ def test_nothing_is_drawn_where_there_are_no_data(tmp_path, dated, covariate):
     assert np.isnan(effect.get_ydata()).sum() == 1 and np.isnan(effect.get_ydata()[6])
 
 
-@pytest.mark.parametrize("span_s", np.geomspace(2.0, 4e8, 60))
+@pytest.mark.parametrize("span_s", np.geomspace(2.0, 4e8, 30))
 def test_date_axis_has_two_to_seven_ticks(span_s):
     axes = Figure(figsize=(3.5, 2.0)).subplots()
     plots_page.dates(axes, (START_S, START_S + span_s))
     assert 2 <= len(axes.get_xticks()) <= 7
-
-
-def test_heading_axis_is_labelled_in_compass_degrees():
-    for limits, labels in (((0.0, 360.0), "0 90 180 270 360"), ((-180.0, 180.0), "180 270 0 90 180")):
-        axes = Figure().subplots()
-        plots_page.degrees(axes.xaxis, limits)
-        axes.figure.draw_without_rendering()
-        shown = [text.get_text() for text in axes.get_xticklabels() if limits[0] <= text.get_position()[0] <= limits[1]]
-        assert shown == labels.split()
 
 
 def test_scatter_titles_state_count_mean_and_rms(show, moorings):
@@ -343,9 +270,7 @@ def check_page(path, page):
     pixels = imread(path)
     assert pixels.shape[1] == round(WIDTH_IN * DPI)
     assert pixels[..., :3].min() < 0.5 < pixels[..., :3].mean()
-    assert not [file for file in path.parent.iterdir() if file.suffix != ".png"]
     assert all(text.get_fontsize() >= 8.0 for text in page.findobj(Text) if text.get_text())
-    assert not sentences(page) and page._suptitle is None
     named = [axes for axes in page.axes if any(label.get_text() for label in axes.get_xticklabels())]
     assert all(
         axes.get_xlabel() or page._supxlabel or axes.get_shared_x_axes().get_siblings(axes)[1:] for axes in named
@@ -423,43 +348,30 @@ def test_pdf_is_reproducible_with_large_scatters_rasterized(moorings, tmp_path, 
     for name in ("a", "b"):
         moorings["folded"].draw("deviation", tmp_path / f"{name}.pdf")
     content = (tmp_path / "a.pdf").read_bytes()
-    assert (
-        content == (tmp_path / "b.pdf").read_bytes() and content.startswith(b"%PDF") and b"CreationDate" not in content
-    )
+    assert content == (tmp_path / "b.pdf").read_bytes() and content.startswith(b"%PDF")
     assert content.count(b"/Subtype /Image") >= 1
-    assert re.search(rb"/MediaBox \[ 0 0 (\d+)", content)[1] == b"%d" % round(72 * WIDTH_IN)
 
 
-@pytest.mark.parametrize("figure", DRAWN)
-def test_figures_are_reproducible_under_any_rcparams(figure, moorings, show, tmp_path):
-    first, _ = show("folded", figure)
+def test_figures_do_not_depend_on_rcparams(moorings, show, tmp_path):
+    first, _ = show("folded", "deviation")
     with matplotlib.rc_context({"font.size": 20.0, "axes.grid": True, "savefig.bbox": "tight"}):
         before = dict(matplotlib.rcParams)
-        moorings["folded"].draw(figure, tmp_path / "b.png")
+        moorings["folded"].draw("deviation", tmp_path / "b.png")
         assert dict(matplotlib.rcParams) == before
-    content = first.read_bytes()
-    assert content == (tmp_path / "b.png").read_bytes()
-    assert b"tEXt" not in content and b"tIME" not in content
+    assert first.read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
 @pytest.mark.parametrize(
     ("kind", "figure", "word"),
     [
         ("no fit and no pairs", "deviation", "no data"),
-        ("no fit and no pairs", "scatter", "no pairs"),
-        ("no fit and no pairs", "histograms", "no data"),
-        ("no fit and no pairs", "timeline", "none"),
-        ("no fit and no pairs", "sticks", "recorded"),
         ("too few pairs", "scatter", "no pairs"),
         ("nothing recorded", "roses", "no data"),
-        ("nothing recorded", "timeline", "unknown"),
         ("no sample", "timeline", "no data"),
-        ("no sample", "progressive", "no data"),
     ],
 )
 def test_panel_without_data_says_so(kind, figure, word, show):
-    _, page = show(kind, figure)
-    assert word in words(page)
+    assert word in words(show(kind, figure)[1])
 
 
 def test_stick_and_progressive_vectors_are_mean_currents():
@@ -528,49 +440,21 @@ def test_deviation_curve_matches_the_compass_over_one_turn(iron, begin):
 def test_circular_axis_is_cut_in_the_largest_gap(begin, width, seed):
     angle = begin + width * np.random.default_rng(seed).random(300)
     cut = plots_page.emptiest(np.append(angle, np.nan))
-    assert -180.0 <= cut < 180.0 and cut % 10.0 == 0.0
+    assert -180.0 <= cut < 180.0 and cut % 10.0 == 0.0 and plots_page.emptiest([]) == -180.0
     assert float(angles.wrap360(cut - begin)) >= width - 10.0 or float(angles.wrap360(cut - begin)) < 10.0
-
-
-@given(ANGLES, ANGLES)
-@settings(max_examples=60, deadline=None)
-def test_wrapping_and_unwrapping_preserve_angles(angle, reference):
-    placed, beside = plots_page.placed(angle, reference), plots_page.nearest_turn(angle, reference)
-    assert reference <= placed <= reference + 360.0
-    assert abs(beside - reference) <= 180.0
-    for found in (placed, beside):
-        assert float(angles.difference(found, angle)) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_sector_shares_ignore_missing_angles():
     shares = plots_page.sectors([5.0, 365.0, np.nan, 355.0, 725.0], -10.0)
     assert shares.shape == (36,) and shares[0] == 25.0 and shares[1] == 75.0
     assert plots_page.sectors([np.nan], 0.0).sum() == 0.0
-    assert plots_page.emptiest([]) == -180.0
-
-
-def test_directions_are_compared_at_the_sample_of_each_pair(moorings):
-    unfolded = moorings["unfolded"].product
-    late = replace(SMALL, time_s=SMALL.time_s + np.where(np.arange(SAMPLES) < 3, 1800.0, 1e-4))
-    lower, upper, after = directions_at_pairs(late, unfolded.record.time_s, unfolded.heading_corrected_deg)
-    assert np.isnan(after[:3]).all() and np.isfinite(after[3:]).all()
-    assert angles.rms(after - lower) < 0.9 * angles.rms(upper - lower)
 
 
 def test_samples_are_classified_by_heading_correction():
     six = corrected(record(SMALL, 6), SMALL_FIT, NONE)
-    heading = six.heading_corrected_deg.copy()
-    heading[3] = np.nan
-    silent = six.record.heading_deg.copy()
-    silent[4] = np.nan
-    kinds = timeseries.classify_samples(
-        replace(
-            six,
-            record=replace(six.record, heading_deg=silent),
-            heading_corrected_deg=heading,
-            heading_corrected_quality=np.array([1, 3, 3, 4, 4, 2], dtype=np.int8),
-        )
-    )
+    six.heading_corrected_deg[3] = six.record.heading_deg[4] = np.nan
+    flags = np.array([1, 3, 3, 4, 4, 2], dtype=np.int8)
+    kinds = timeseries.classify_samples(replace(six, heading_corrected_quality=flags))
     assert kinds.tolist() == ["sure", "doubtful", "doubtful", "missing", "", "sure"]
 
 

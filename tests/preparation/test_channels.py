@@ -31,12 +31,6 @@ def test_series_is_interpolated_but_not_across_gaps(record, tmp_path):
     found = add_covariates(record, given(tmp_path / "t.csv", rows))
     np.testing.assert_array_equal(found.channels["turbidity"], [np.nan, -4.0, np.nan, np.nan, np.nan, np.nan])
     assert found.channel_units == {"turbidity": "NTU"} and found.warnings == record.warnings
-    table = tmp_path / "t.csv"
-    table.write_text(table.read_text().replace(",", ";"))
-    again = add_covariates(
-        record, {"turbidity": {**given(tmp_path / "u.csv", rows)["turbidity"], "files": [str(table)]}}
-    )
-    assert again.warnings[-1] == "turbidity: the table was read as it is written: cells between semicolons"
 
 
 def test_series_outside_the_record_is_refused(record, tmp_path):

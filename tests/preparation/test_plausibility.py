@@ -76,17 +76,14 @@ def test_every_count_of_the_deployment_has_a_fault():
     assert set(apply_deployment(turning(), **LONG).counts) == {*FAULTS, *quiet}
 
 
-def test_constant_velocity_is_bad_but_still_water_is_not():
+def test_constant_velocity_is_bad_and_a_compass_with_minimal_variation_is_stuck():
     assert (settled("frozen_velocity").quality[1:] == BAD).all()
     still = replace(turning(), east=np.zeros((N, 3)), north=np.zeros((N, 3)))
     assert apply_deployment(still, **LONG).counts["frozen_velocity"] == 0
-
-
-def test_compass_with_minimal_variation_is_stuck():
     assert list(np.flatnonzero(settled("heading_stuck").heading_quality == PROBABLY_BAD)) == list(range(21, 40))
 
 
-@pytest.mark.parametrize("name", ["eh2", "03160000", "RDI_withBT", "adp_sentinel", "adp_12", "winriver02"])
+@pytest.mark.parametrize("name", ["eh2", "03160000", "adp_sentinel", "winriver02"])
 def test_genuine_headings_keep_their_flags(name):
     files = [path for path in (SHARED / "pd0").glob("*") if path.name.startswith(name) and path.suffix != ".csv"]
     if not files:
@@ -98,11 +95,10 @@ def test_genuine_headings_keep_their_flags(name):
 
 
 def test_freely_turning_or_coarse_compass_is_not_flagged():
-    rng = np.random.default_rng(9)
-    free = replace(wake_locked(2000), heading_deg=rng.uniform(0.0, 360.0, 2000).round(2))
-    coarse = replace(wake_locked(2000), heading_deg=(wake_locked(2000).heading_deg / 5.0).round() * 5.0)
-    for given in (free, coarse):
-        found = flag_quality(given, 500.0)
+    free = np.random.default_rng(9).uniform(0.0, 360.0, 2000).round(2)
+    slack = 13.0 + 10.0 * (np.arange(2000) // 50 % 36)  # repeats itself forty-nine times in fifty
+    for heading in (free, (wake_locked(2000).heading_deg / 5.0).round() * 5.0, slack):
+        found = flag_quality(replace(wake_locked(2000), heading_deg=heading), 500.0)
         assert (found.heading_quality == GOOD).all() and not found.warnings
 
 

@@ -81,7 +81,7 @@ def test_combination_bridges_gaps_and_preserves_rotations():
     np.testing.assert_allclose(again.upper_east, by_heading(one).upper_east, atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_consistent_references_give_no_warning(seed):
     assert not join_references(trio(seed)[0], NAMES).warnings
 
@@ -103,13 +103,12 @@ def test_first_of_two_contradictory_references_is_used():
     assert every.doubts[0][0] == pytest.approx(10.0, abs=3.0)
 
 
-def add_reference(file: Path) -> dict:
-    """Add an instrument ``other``, like ``deep``, to the references of a mooring file, and return its keys."""
+def add_reference(file: Path) -> None:
+    """Add an instrument ``other``, like ``deep``, to the references of a mooring file."""
     said = yaml.safe_load(file.read_text())
     said["instruments"]["other"] = copy.deepcopy(said["instruments"]["deep"]) | {"files": "raw/M1/other.csv"}
     said["reference"] = ["deep", "other"]
     file.write_text(yaml.safe_dump(said))
-    return said
 
 
 def test_list_of_references_runs_through_the_pipeline(tmp_path):
@@ -117,11 +116,10 @@ def test_list_of_references_runs_through_the_pipeline(tmp_path):
     lines = (cruise / "raw/M1/deep.csv").read_text().splitlines()
     rows = [line.rsplit(",", 2) for line in lines[1:301]]
     noise = np.random.default_rng(1).normal(0.0, 0.5, (300, 2))
-    other = [
-        f"{first},{float(u) + a:.2f},{float(v) + b:.2f}" for (first, u, v), (a, b) in zip(rows, noise, strict=True)
-    ]
+    noisy = zip(rows, noise, strict=True)
+    other = [f"{first},{float(u) + a:.2f},{float(v) + b:.2f}" for (first, u, v), (a, b) in noisy]
     (cruise / "raw/M1/other.csv").write_text("\n".join([lines[0], *other]) + "\n")
-    said = add_reference(file := cruise / "config/moorings/M1.yaml")
+    add_reference(cruise / "config/moorings/M1.yaml")
     lines = []
     folder = process_mooring(cruise, "M1", tmp_path / "out", lines.append)
     pairs = netcdf.read_pairs(folder / "overlap.nc")
@@ -129,9 +127,8 @@ def test_list_of_references_runs_through_the_pipeline(tmp_path):
     assert np.bincount(pairs.reference_index).tolist() == [400, 300]
     assert any("(deep 400, other 300)" in line for line in lines)
     assert len(combine_references(pairs)) == 400
-
-    said["reference"] = ["deep", "deep"]
-    file.write_text(yaml.safe_dump(said))
+    file = cruise / "config/moorings/M1.yaml"
+    file.write_text(file.read_text().replace("- other", "- deep"))
     with pytest.raises(InputError, match="each name once"):
         process_mooring(cruise, "M1", tmp_path / "again")
 

@@ -3,7 +3,6 @@
 import base64
 import csv
 import hashlib
-import json
 import re
 import shutil
 from dataclasses import fields, replace
@@ -17,8 +16,9 @@ import pytest
 
 from compasslib import angles, report
 from compasslib.archive import calibrations
-from compasslib.archive.files import write_json
+from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import calibrate, platform, result, two_heads
+from compasslib.config.cruise import load_cruise
 from compasslib.effects import SIDES
 from compasslib.errors import InputError
 from compasslib.inference.diagnosis import Diagnosis
@@ -37,6 +37,7 @@ from compasslib.report.sections import (
     read_mooring,
     stopped_section,
 )
+from compasslib.stages import settings
 from tests.world import browser, iaga_files, iron, page
 from tests.world.bench import readings, ring, write_calibration
 from tests.world.launch import change, completed
@@ -46,7 +47,6 @@ from tests.world.two_heads_files import cast
 
 HOSTILE = """<script>document.title = 'broken'</script><img src=x onerror="document.title='broken'"> & "quoted" 'so'"""
 ALONE = ("ALONE." + "".join(f"WM{k}Q" for k in range(20)))[:64]  # as long and about as wide as a name may be
-WIDTHS = (360, 1400)
 OUTSIDE = r"(?:src|href|action|poster|srcset)\s*=\s*[\"']?\s*(?:https?:)?//|url\(|@import"
 
 
@@ -133,10 +133,6 @@ def test_page_loads_nothing_external(done, document):
     known = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
     assert policy.startswith("default-src 'none'") and f"style-src 'sha256-{known}'" in policy
     assert "unsafe" not in policy and "script-src" not in policy
-    assert all(one.attributes["src"].startswith("data:image/png;base64,") for one in document.all("img"))
-    assert [one.attributes["href"] for one in document.all("link")] == ["data:,"]
-    ids = [one.attributes["id"] for one in document.elements if "id" in one.attributes]
-    assert len(ids) == len(set(ids))
 
 
 def test_every_link_has_a_target(done, document):
@@ -148,41 +144,33 @@ def test_every_link_has_a_target(done, document):
         assert there, link
 
 
-def test_headings_are_nested_landmarks_unique_and_tables_have_captions(document):
+def test_headings_are_nested_and_landmarks_unique(document):
     levels = [int(one.name[1]) for one in document.all("h1", "h2", "h3", "h4", "h5", "h6")]
     assert levels[0] == 1 and levels.count(1) == 1
     assert all(below - above <= 1 for above, below in pairwise(levels))
-    assert not [one for one in document.elements if one.attributes.get("role") == "region"]  # sections alone are
     named = [one.attributes["aria-labelledby"] for one in document.all("section")]
-    assert len(named) == len(set(named)) > 3
+    ids = [one.attributes["id"] for one in document.elements if "id" in one.attributes]
+    assert len(named) == len(set(named)) > 3 and len(ids) == len(set(ids))
     assert len(document.all("table")) == len(document.all("caption")) > 5
-    assert all(one.attributes.get("scope") in ("row", "col") for one in document.all("th"))
-    skip = document.all("a")[0]
-    assert skip.attributes["href"] == "#main" and document.all("html")[0].attributes["lang"] == "en"
 
 
 def test_every_figure_has_an_alternative_text_and_a_caption(done, document):
-    """All but the certificates are embedded, with distinct alternative texts; a caption begins with its title."""
-    pictures, captions = document.all("img"), [one.text for one in document.all("figcaption")]
+    """All but the certificates are embedded, with distinct alternative texts."""
+    pictures = document.all("img")
     drawn = [path for path in (done / "results").rglob("figures/*.png") if path.stem != "certificate"]
-    assert len(drawn) == 2 * 11 + 4 + 2 * 2 and len(pictures) == len(drawn) - sum(
-        row.of_pairs for row in MOORING
-    )  # ALONE has no pairs
-    assert len({one.attributes["alt"] for one in pictures}) == len(pictures)
-    assert all(
-        caption.strip().startswith(one.text) for caption, one in zip(captions, document.all("strong"), strict=True)
-    )
+    of_pairs = sum(row.of_pairs for row in MOORING)  # ALONE has no pairs
+    assert len(drawn) == 2 * 11 + 4 + 2 * 2 and len(pictures) == len(drawn) - of_pairs
+    assert len({one.attributes["alt"] for one in pictures}) == len(pictures) <= len(document.all("figcaption"))
 
 
 def test_page_begins_with_one_sentence_per_result(done, document):
     """One sentence per mooring and calibration with its numbers; a mooring begins with advice and its currents."""
     overview = [one.text for one in document.all("th") if one.attributes["scope"] == "row"][:4]
     assert overview == [ALONE, "M1", "bench", "few"]
-    diagnosis, assessment = (
-        json.loads((done / f"results/M1/{x}.json").read_text()) for x in ("diagnosis", "assessment")
-    )
+    diagnosis, assessment = (read_json(done / f"results/M1/{x}.json") for x in ("diagnosis", "assessment"))
     chance = words.chance(diagnosis["sides"]["none"] + diagnosis["sides"]["water"])
-    assert f"probability {chance}" in " ".join(sections.summary_sentences(read_mooring("M1", done / "results", {})))
+    results = read_mooring("M1", done / "results", {})
+    assert f"probability {chance}" in " ".join(sections.summary_sentences(results))
     with netCDF4.Dataset(done / "results/M1/corrected.nc") as nc:
         sigma = float(np.nanmedian(nc["HEADING_CORRECTED_UNCERTAINTY"][:].filled(np.nan)))
     answer = assessment["use"]["answer"]
@@ -191,7 +179,6 @@ def test_page_begins_with_one_sentence_per_result(done, document):
     assert "No. No heading is corrected: no overlapping pairs" in said[0]
     digits = 2 if "exceeds" in assessment["use"]["why"] else 1
     assert f"{answer.capitalize()}, with an uncertainty of {sigma:.{digits}f}° (1σ, median)" in said[1]
-    assert [one.text for one in document.all("h2")][:3] == ["Can it be used?", "The cruise", "Moorings"]
 
 
 def test_absent_deviation_is_stated_without_a_deviation_value(done):
@@ -209,21 +196,13 @@ def test_numbers_agree_with_the_results(done, document):
     results = read_mooring("M1", done / "results", rows["M1"])
     removed = words.with_sigma(*results.headings["removed_deg"], "°")
     assert [text.strip() for text in shown[at : at + 4]] == [
-        *(rows["M1"]["use"], f"{results.headings['sigma_deg'][0]:.1f}°", removed, rows["M1"]["verdict"]),
+        *(rows["M1"]["use"], f"{results.headings['sigma_deg'][0]:.1f}°", removed, rows["M1"]["verdict"])
     ]
     assert shown[at + 5 : at + 7] == [f"{float(rows['M1'][f'rms_{when}_deg']):.1f}°" for when in ("before", "after")]
     alone = [text.strip() for text in shown[shown.index(ALONE) + 2 :]]
     assert alone[:4] == ["no", words.UNKNOWN, words.UNKNOWN, "insufficient"] and alone[5] == words.UNKNOWN
     text = " ".join(one.text for one in document.all("p", "li"))
     assert rows[ALONE]["warnings"].split(" | ")[0][1:40] in text
-
-
-def test_report_of_a_cruise_of_calibrations_only(done, tmp_path):
-    only = report.gather(done / "results", attributes={}, moorings={}, calibrations=["bench", "few"])
-    report.write(tmp_path / "r.html", only)
-    made = page.read(tmp_path / "r.html")
-    assert [one.text for one in made.all("h2")] == ["Overview", "Calibrations", "Methods and terms"]
-    assert only.counts() == f"2{words.SPACE}calibrations."
 
 
 def diagnosis(verdict: str, *findings: Found, **more) -> dict:
@@ -239,28 +218,17 @@ def heeling(*alternatives: str) -> Found:
     return Found("heeling", "compass", alternatives, where, when_s, parameters, 3.14, proof, "It heels.", applied=True)
 
 
-def test_finding_is_reported_with_alternatives_and_held_out_proof():
-    (told,) = sections.report_findings(diagnosis("ambiguous", heeling("tilt_uncompensated")), product=True)
-    facts = {name: value.replace(words.SPACE, " ") for name, value in told.facts}
-    assert (told.title, told.text, facts["Alternatives"]) == (
-        *("Heeling", "It heels."),
-        "the reading is not compensated for tilt (tilt uncompensated)",
-    )
-    assert facts["Acts on"] == "compass" and facts["When"] == "4 Sep 2007 to 4 Oct 2008"
-    assert facts["Residual on held-out days"] == "11.90° before, 11.30° after rms (p ≤ 0.001)"
-    assert facts["Corrected in the product"] == "yes"
-    assert [cell.replace(words.SPACE, " ") for cell in told.parameters.rows[0]] == ["field down", "2100 ± 140 nT"]
-
-
-def test_long_lists_of_alternatives_and_observations_are_shortened():
+def test_finding_is_reported_with_its_alternatives_shortened_and_its_proof():
     names = ["tilt_uncompensated", "temperature", "pressure", "hard_iron_step", "hard_iron_drift", "compass_drift"]
     for more, last in (([], "(compass drift)"), (["compass_lag"], "2 others, listed in diagnosis.json")):
         (told,) = sections.report_findings(diagnosis("ambiguous", heeling(*names, *more)), product=True)
-        listed = dict(told.facts)["Alternatives"].replace(words.SPACE, " ").split("; ")
+        facts = {name: value.replace(words.SPACE, " ") for name, value in told.facts}
+        listed = facts["Alternatives"].split("; ")
         assert len(listed) == 6 and listed[-1].endswith(last)
-    empty = [f"a or {name}: a record in which a and {name} vary independently" for name in "bcd"]
-    assert words.observations("; ".join(empty)) == empty
-    assert words.observations("; ".join([*empty, "a or e: a swing"])) == ["a or e: a swing"]
+    assert (told.title, told.text, facts["Acts on"]) == ("Heeling", "It heels.", "compass")
+    assert facts["When"] == "4 Sep 2007 to 4 Oct 2008" and facts["Corrected in the product"] == "yes"
+    assert facts["Residual on held-out days"] == "11.90° before, 11.30° after rms (p ≤ 0.001)"
+    assert [cell.replace(words.SPACE, " ") for cell in told.parameters.rows[0]] == ["field down", "2100 ± 140 nT"]
 
 
 def test_unexplained_mismatch_and_decisive_observations_are_reported():
@@ -274,10 +242,7 @@ def test_unexplained_mismatch_and_decisive_observations_are_reported():
         "Decisive observation: Wider headings.",
         "Not testable in this record: stuck tilt (no other sensor).",
     )
-    assert sections.describe_findings(told).replace(words.SPACE, " ") == (
-        "identified beyond the five coefficients: the compass tilts over iron along its own vertical (heeling, "
-        "probability >99 %); an unexplained mismatch of 2.0° rms"
-    )
+    assert "an unexplained mismatch of 2.0° rms" in sections.describe_findings(told).replace(words.SPACE, " ")
 
 
 def test_every_effect_is_described_with_its_name_in_brackets():
@@ -285,39 +250,14 @@ def test_every_effect_is_described_with_its_name_in_brackets():
         (clause,) = sections.candidate_names({"effect": effect, "alternatives": []})
         begun, name = clause.rstrip(")").split(" (")
         assert name == words.plain(effect) and len(begun.split()) > 2 and begun != name
-    many = {**diagnosis("ambiguous", heeling("temperature", "pressure", "sextantal", "octantal")), "unexplained": None}
-    told = sections.describe_findings(many)
-    assert told.endswith("depends on pressure (pressure) or one of 2 others")
     composed = {"acts_on": "field_down", "driver": "tilt", "form": "smooth"}
     several = {"effect": "composed", "alternatives": ["pressure"], "composition": composed, "probability": 0.6}
-    assert sections.candidate_names(several | {"alternatives_probability": {"pressure": 0.35}}) == [
-        "a magnetic field along the instrument's vertical changing along a smooth curve of the tilt "
-        f"(probability 60{words.SPACE}%)",
-        f"the iron near the compass, or the compass, depends on pressure (pressure, probability 35{words.SPACE}%)",
-    ]
+    first, second = sections.candidate_names(several | {"alternatives_probability": {"pressure": 0.35}})
+    assert "along a smooth curve of the tilt" in first and f"probability 60{words.SPACE}%" in first
+    assert f"(pressure, probability 35{words.SPACE}%)" in second
 
 
-def test_untestable_effects_are_listed_with_their_reasons():
-    """Effects of the same reason are grouped, forms of one effect joined, partly testable effects listed apart."""
-    closed = [
-        {"effect": "heading_slip", "why": "too short"},
-        {"effect": "current_veer", "why": "the depth does not vary"},
-        {"effect": "compass_drift", "why": "too short"},
-        {"effect": "current_veer", "why": "the pairs stand too far apart"},
-        {"effect": "stuck_tilt", "why": "too short"},
-    ]
-    tried = [{"effect": "stuck_tilt", "score": 1.0, "rms_effect_deg": 0.5, "probability": 0.5}]
-    told = sections.describe_limits(
-        {"verdict": "explained", "separated_by": None, "not_testable": closed, "hypotheses": tried}
-    )
-    assert told == (
-        "Not testable in this record: heading slip and compass drift (too short); current veer (the depth does not "
-        "vary, the pairs stand too far apart).",
-        "Testable only in part: stuck tilt (too short).",
-    )
-
-
-def made_of(kind: str, folder: Path, tilt_deg=np.r_[-20.0:20.1:1.0]) -> result.Calibration:
+def made_of(kind: str, folder: Path) -> result.Calibration:
     """Run a calibration of a kind on a small simulated log."""
     rng, course = np.random.default_rng(1), np.arange(0.0, 360.0, 10.0)
     if kind == "magnetometer":
@@ -331,7 +271,7 @@ def made_of(kind: str, folder: Path, tilt_deg=np.r_[-20.0:20.1:1.0]) -> result.C
             {"compass_deg": course, "cog_deg": course + rng.normal(0.0, 1.0, 36), "speed_kn": 0.0 * course + 6.0},
             {"declination": 2.0},
         ),
-        "tilt": (dict.fromkeys(platform.TILT_ROLES, tilt_deg), {}),
+        "tilt": (dict.fromkeys(platform.TILT_ROLES, np.r_[-20.0:20.1:1.0]), {}),
     }[kind]
     np.savetxt(
         folder / "log.csv", np.column_stack(list(columns.values())), "%.3f", ",", header=",".join(columns), comments=""
@@ -352,9 +292,6 @@ def section_of(kind: str, made: result.Calibration, folder: Path, diagnosed: dic
 def test_every_kind_of_calibration_has_its_section(tmp_path, kind):
     made = made_of(kind, tmp_path)
     assert made.why == "" and section_of(kind, made, tmp_path).summary
-    if kind == "tilt":
-        refused = section_of(kind, made_of(kind, tmp_path, tilt_deg=np.r_[0.0:2.0]), tmp_path)
-        assert "2 coefficients need at least 3" in " ".join(refused.summary)
 
 
 def test_two_heads_with_a_diagnosis_have_their_section(tmp_path):
@@ -371,10 +308,9 @@ def test_two_heads_with_a_diagnosis_have_their_section(tmp_path):
 def test_large_fleet_has_links_to_its_figures(done, tmp_path, monkeypatch):
     """No figure is embedded, each is linked; each mooring adds less than 20 kB."""
     monkeypatch.setattr(report, "MAX_SECTIONS", 3)
-    sites = {"M1": {"latitude": 60.0, "longitude": 5.0, "water_depth_m": 500.0, "start": "2007-09-04T00:00:00Z"}}
-    sites["M1"] |= {"end": "2007-10-04T00:00:00Z", "instruments": {"affected": "top", "reference": "deep"}}
-    one = report.gather(done / "results", attributes={}, moorings=sites, calibrations=["few"] * 3)
-    (section,) = one.moorings.sections
+    described = settings.report(load_cruise(done))["moorings"]
+    one = report.gather(done / "results", attributes={}, moorings=described, calibrations=["few"] * 3)
+    section = next(section for section in one.moorings.sections if section.name == "M1")
     assert one.small and len(section.figures) == 11
     assert all(not figure.data and (done / "results" / figure.href).exists() for figure in section.figures)
     few, many = (written(tmp_path / f"{n}.html", [replace(section, anchor=f"m{k}") for k in range(n)]) for n in (1, 21))
@@ -406,28 +342,16 @@ def test_damaged_figure_is_reported_in_one_line(done, tmp_path):
     [
         (words.percent(1.0), "100.0 %"),
         (words.percent(0.99999), ">99.9 %"),
-        (words.percent(0.00001), "<0.1 %"),
-        (words.percent(None), "–"),
         (words.degrees(-0.25, 2), "−0.25°"),
-        (words.degrees(float("nan")), "–"),
         (words.number(-7.2e136), "−7.2e+136"),
-        (words.with_sigma(1.23456, 0.0123), "1.235 ± 0.012"),
         (words.with_sigma(2100.4, 140.0, "nT"), "2100 ± 140 nT"),
         (words.with_sigma(3.39, 3.93, "degrees"), "3.4 ± 3.9°"),
-        (words.with_sigma(1.0, 0.0), "1"),
         (words.chance(0.999), ">99 %"),
-        (words.chance(0.001), "<1 %"),
-        (words.chance(0.635), "64 %"),
         (words.current(0.03 - 0.04j), "5.0 cm/s towards 143°"),
         (words.current(complex("nan")), "–"),
         (words.count(9504), "9 504"),
-        (words.plural(1, "pair"), "1 pair"),
         (angles.position(-8.9, 219.9), "8.9000° S, 140.1000° W"),
-        (words.days({"from": "2007-09-04T00:00:00Z", "to": "2008-10-04T00:00:00Z"}), "4 Sep 2007 to 4 Oct 2008"),
         (words.days({"from": "2003-10-29T06:10:00Z", "to": "2003-10-29T23:00:00Z"}), "29 Oct 2003, 06:10 to 23:00 UTC"),
-        (words.sentence("too little"), "Too little."),
-        (words.parameter("b_z_nT", "nT"), "b z"),
-        (words.parameter("range_deg", "degrees"), "range"),
     ],
 )
 def test_numbers_and_words_are_formatted(said, expected):
@@ -437,39 +361,6 @@ def test_numbers_and_words_are_formatted(said, expected):
 # In a real browser.
 
 needs_browser = pytest.mark.skipif(browser.program() is None, reason="no Chromium here (Debian's package chromium)")
-# Sibling boxes that overlap by more than a pixel, and elements that exceed the window outside a scrolling box.
-OVERLAPS = """(() => {
-  const found = [], said = one => one.outerHTML.slice(0, 80), box = one => one.getBoundingClientRect();
-  const block = one => !["inline", "none", "contents"].includes(getComputedStyle(one).display) && box(one).height > 0;
-  for (const parent of document.querySelectorAll("body, body *")) {
-    const boxes = [...parent.children].filter(block);
-    for (let i = 0; i < boxes.length; i++) for (let j = i + 1; j < boxes.length; j++) {
-      const a = box(boxes[i]), b = box(boxes[j]);
-      const wide = Math.min(a.right, b.right) - Math.max(a.left, b.left);
-      const high = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
-      if (wide > 1 && high > 1) found.push(`${said(boxes[i])} over ${said(boxes[j])}`);
-    }
-  }
-  for (const one of document.querySelectorAll("body *"))
-    if (box(one).right > innerWidth + 1 && !one.closest(".scroll, .skip")) found.push(`out: ${said(one)}`);
-  return found;
-})()"""
-
-CONTRAST = """(() => {
-  const channel = v => (v /= 255) <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4;
-  const light = c => 0.2126 * channel(c[0]) + 0.7152 * channel(c[1]) + 0.0722 * channel(c[2]);
-  const rgb = c => c.match(/[0-9.]+/g).map(Number);
-  const ground = one => {
-    const c = one ? rgb(getComputedStyle(one).backgroundColor) : [255, 255, 255];
-    return c.length < 4 || c[3] > 0 ? c : ground(one.parentElement);
-  };
-  const ratio = one => {
-    const [a, b] = [light(rgb(getComputedStyle(one).color)), light(ground(one))].sort((x, y) => y - x);
-    return (a + 0.05) / (b + 0.05);
-  };
-  const texts = document.querySelectorAll("p, a, li, dt, dd, th, td, figcaption, caption, summary, span, button");
-  return Math.min(...[...texts].filter(one => one.innerText).map(ratio));
-})()"""
 
 
 @pytest.fixture(scope="module")
@@ -479,8 +370,7 @@ def chromium(tmp_path_factory):
 
 
 @needs_browser
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize(("width", "scheme"), [(360, "light"), (1400, "dark")])
 def test_page_loads_alone_and_fits_the_window(done, chromium, width, scheme):
     path = done / "results/report.html"
     chromium.open(path, width, scheme=scheme)
@@ -489,7 +379,6 @@ def test_page_loads_alone_and_fits_the_window(done, chromium, width, scheme):
     assert not chromium.happened("Runtime.exceptionThrown") and not chromium.happened("Log.entryAdded")
     assert chromium.ask("document.title").startswith("Compass deviations corrected: <script>")
     assert chromium.ask("document.documentElement.scrollWidth") == width
-    assert chromium.ask(OVERLAPS) == []
     assert chromium.ask("[...document.images].every(i => i.complete && i.naturalWidth > 300 && i.alt.length > 20)")
     dark = chromium.ask("getComputedStyle(document.body).backgroundColor") != "rgb(255, 255, 255)"
     assert dark is (scheme == "dark")
@@ -497,60 +386,23 @@ def test_page_loads_alone_and_fits_the_window(done, chromium, width, scheme):
 
 
 @needs_browser
-def test_overview_folds_on_a_phone_and_links_its_warnings(done, chromium):
-    chromium.open(done / "results/report.html", 390)
-    assert chromium.ask("(e => e.scrollWidth <= e.clientWidth)(document.querySelector('.fold').parentElement)")
-    linked = "[...document.querySelectorAll('.fold td:last-child a')].map(a => [a.textContent, a.getAttribute('href')])"
-    rows = list(csv.DictReader((done / "results/summary.csv").read_text().splitlines()))
-    counts = {row["name"]: len([text for text in row["warnings"].split(" | ") if text]) for row in rows}
-    assert chromium.ask(linked) == [[str(n), f"#mooring-{name}"] for name, n in counts.items() if n]
-
-
-@needs_browser
-def test_text_contrast_satisfies_wcag(done, chromium):
-    """WCAG 2 AA requires a contrast of 4.5, here in both colour schemes, also for links and muted text."""
-    for scheme in ("light", "dark"):
-        chromium.open(done / "results/report.html", 1400, scheme=scheme)
-        assert chromium.ask(CONTRAST) >= 4.5, scheme
-
-
-@needs_browser
 def test_keyboard_reaches_the_results_with_visible_focus(done, chromium):
     chromium.open(done / "results/report.html", 1400)
     chromium.press("Tab")
     assert chromium.ask("document.activeElement.innerText") == "Skip to the results"
-    shown = "(r => r.left >= 0 && r.width > 50)(document.activeElement.getBoundingClientRect())"
-    assert chromium.ask(shown) and chromium.ask("getComputedStyle(document.activeElement).outlineStyle") == "solid"
+    assert chromium.ask("getComputedStyle(document.activeElement).outlineStyle") == "solid"
     chromium.press("Enter")
     assert chromium.ask("document.activeElement.id") == "main"
-    chromium.press("Tab")
-    assert chromium.ask("document.activeElement.className") == "scroll"  # the table of all moorings
-    chromium.press("Tab")
-    assert chromium.ask("document.activeElement.innerText") == ALONE
+    for _ in range(2):  # the table of all moorings, its first link
+        chromium.press("Tab")
     chromium.press("Enter")
     assert chromium.ask("location.hash") == f"#mooring-{ALONE}"
     assert chromium.ask("document.querySelector('details').open")  # its link opens a fold
-    chromium.ask("document.querySelector('summary').focus()")
-    chromium.press("Enter")
-    assert not chromium.ask("document.activeElement.parentElement.open")
-
-
-@needs_browser
-def test_print_layout_opens_details_and_hides_controls(done, chromium):
-    chromium.open(done / "results/report.html", 1400)
-    chromium.send("Emulation.setEmulatedMedia", media="print")
-    assert chromium.ask("[...document.querySelectorAll('details')].every(d => d.lastElementChild.offsetHeight > 0)")
-    assert chromium.ask(
-        "[...document.querySelectorAll('.skip, .files')].every(e => getComputedStyle(e).display === 'none')"
-    )
-    chromium.send("Emulation.setEmulatedMedia", media="")
-    assert chromium.paper().startswith(b"%PDF")
 
 
 # The series to look at.
 
 DRAWN = "new Promise(ok => { const wait = () => document.body.dataset.drawn ? ok() : setTimeout(wait, 20); wait(); })"
-SPANS = "charts.map(c => c.scales.x.max - c.scales.x.min)"
 
 
 @pytest.fixture
@@ -583,35 +435,26 @@ def test_series_are_drawn_without_a_network_or_an_error(done, series, width):
 
 
 @needs_browser
-def test_series_are_zoomed_together_by_button_mouse_and_key(series):
+def test_series_are_zoomed_toggled_and_have_the_values_of_the_archive(done, series):
     page_ = series(1400)
-    (whole, *others) = page_.ask(SPANS)
-    assert others and all(span == whole for span in others)
+    spans = "charts.map(c => c.scales.x.max - c.scales.x.min)"
+    whole = page_.ask(spans)
     page_.ask("document.getElementById('in').click()")
-    assert page_.ask(SPANS) == pytest.approx([whole / 2.0] * (1 + len(others)))
+    assert page_.ask(spans) == pytest.approx([whole[0] / 2.0] * len(whole))
     page_.drag("charts[1].over", 0.25, 0.75)
-    assert page_.ask(SPANS) == pytest.approx([whole / 4.0] * (1 + len(others)), rel=0.02)
+    assert page_.ask(spans) == pytest.approx([whole[0] / 4.0] * len(whole), rel=0.02)
     page_.ask("document.getElementById('plots').focus()")
     page_.press("Home")
-    assert page_.ask(SPANS) == pytest.approx([whole] * (1 + len(others)))
-
-
-@needs_browser
-def test_series_are_toggled_and_have_the_values_of_the_archive(done, series):
-    page_ = series(1400)
-    page_.ask("document.getElementById('plots').focus()")
+    assert page_.ask(spans) == pytest.approx(whole)
     page_.press("ArrowRight")
     told = page_.ask("document.getElementById('values').textContent")
-    index = page_.ask(
-        "current.times.indexOf(Date.parse(document.getElementById('values').textContent.slice(0, 16) + 'Z') / 1000)"
-    )
+    index = page_.ask(f"current.times.indexOf(Date.parse('{told[:16]}Z') / 1000)")
     with netCDF4.Dataset(done / "results/M1/corrected.nc") as nc:
         for name, variable in (("heading recorded", "HEADING"), ("heading corrected", "HEADING_CORRECTED")):
             value = float(re.search(rf"{name} ([\d.]+)", told)[1])
             assert value == pytest.approx(float(nc[variable][index]), abs=0.1)
         flags = page_.ask("current.values.flag")
         np.testing.assert_array_equal([f for f in flags if f is not None], nc["HEADING_CORRECTED_QC"][:])
-    assert page_.ask("charts[0].series.slice(1).map(s => s.show)") == [True] * page_.ask("charts[0].series.length - 1")
     page_.ask("document.getElementById('recorded').click()")
     assert page_.ask("charts[0].series.slice(1).map(s => s.show)")[:2] == [False, True]
 
@@ -642,20 +485,12 @@ def test_spans_are_the_dated_effects_and_the_doubts(tmp_path):
 
 def test_terms_are_linked_once_a_section_with_the_definition_of_the_documentation(document):
     known = words.definitions()
-    assert {"ambiguous", "twins", "held out", words.CONCEALED} <= set(known)
-    links = words.Links()
-    text = str(links("A <b> held out pair, another held-outer, and a pair."))
+    text = str(words.Links()("A <b> held out pair, another held-outer, and a pair."))
     assert text.count('href="#term-held-out"') == 1 and "&lt;b&gt;" in text and "another held-outer" in text
     assert text.count('href="#term-overlap-pair"') == 1 and f'title="{known["held out"]}"' in text
-    listed = {
-        one.attributes["id"].removeprefix("term-"): one.text for one in document.all("dt") if "id" in one.attributes
-    }
-    used = {
-        one.attributes["href"].removeprefix("#term-")
-        for one in document.all("a")
-        if one.attributes.get("class") == "term"
-    }
-    assert used and used <= set(listed) <= used | {"consistent", "insufficient"}  # verdicts have theirs in the title
+    terms = [one for one in document.all("a") if one.attributes.get("class") == "term"]
+    ids = {one.attributes.get("id") for one in document.all("dt")}
+    assert terms and {one.attributes["href"].removeprefix("#") for one in terms} <= ids
 
 
 def test_error_removed_has_the_uncertainty_of_a_common_error():

@@ -63,13 +63,11 @@ def test_every_calibration_has_its_files(done):
         assert {path.name for path in (there / "figures").iterdir()} == drawn
     bench, later, few = (result(done, name) for name in ("bench", "later", "few"))
     assert (bench["kind"], bench["n"], bench["why"]) == ("platform", 36, "")
-    assert bench["source_files"] == ["raw/cal/bench.csv"] and bench["software"].startswith("compasslib")
     assert bench["place"]["field"]["horizontal_nT"] == pytest.approx(21299.0, abs=30.0)
     assert later["comparison"]["with"] == "bench" and later["comparison"]["differ"] is True
     assert few["coefficients"] is None and few["why"].startswith("3 headings in 3 of 36 sectors")
-    with (done / "results/calibrations/later/table.csv").open() as stream:
-        rows = list(csv.DictReader(stream))
-    assert [float(row["recorded_deg"]) for row in rows] == list(np.arange(0.0, 360.0, 15.0))
+    rows = (done / "results/calibrations/later/table.csv").read_text().splitlines()
+    assert [float(row.split(",")[0]) for row in rows[1:]] == list(np.arange(0.0, 360.0, 15.0))
 
 
 @pytest.mark.parametrize("whole", [True, False])
@@ -93,8 +91,7 @@ def test_pairs_assess_the_calibration_without_changing_it(done, alone):
     assert both["coefficients"] == other["coefficients"] and both["n_pairs"] > 500 and other["n_pairs"] == 0
     assessment = read_json(done / "results/M1/assessment.json")
     assert assessment["after"]["rms_deg"] < assessment["before"]["rms_deg"]
-    summary = list(csv.DictReader((done / "results/summary.csv").read_text().splitlines()))
-    row = next(row for row in summary if row["name"] == "M1")
+    (row,) = csv.DictReader((done / "results/summary.csv").read_text().splitlines())
     assert row["method"] == "calibration" and "calibration bench: B and C are known to" in row["warnings"]
 
 

@@ -1,7 +1,6 @@
 """Would catch headings of the lowered example beyond the stated uncertainty."""
 
 import csv
-import json
 import shutil
 import subprocess
 import sys
@@ -49,6 +48,7 @@ def errors(folder: Path) -> dict[str, np.ndarray]:
 
 
 def test_heading_errors_match_the_stated_uncertainty(done):
+    keeps_contract(done)
     off = errors(done)
     assert np.isfinite(off["after"]).all() and off["depth"].max() > 1990.0
     assert angles.rms(off["before"]) > 8.0
@@ -66,16 +66,6 @@ def test_pairs_cover_the_depth_range_of_the_ship(done):
     # The ship's ADCP reaches 696 m; between its profiles, a minute apart, the frame sinks 60 m.
     assert len(upper) > 150 and upper.min() < 60.0 and 630.0 < lower.max() <= 696.0
     assert np.abs(upper - lower).max() < 20.0
-
-
-def test_held_out_pairs_agree_better_after_correction(done):
-    assessment = json.loads((done / "results/LADCP1/assessment.json").read_text())
-    assert assessment["after"]["n"] > 150
-    assert assessment["after"]["rms_deg"] < 0.8 * assessment["before"]["rms_deg"]
-
-
-def test_results_satisfy_the_contract(done):
-    keeps_contract(done)
 
 
 def test_nominal_depth_does_not_shift_the_bins_of_tables(tmp_path):

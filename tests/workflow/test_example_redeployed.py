@@ -51,13 +51,12 @@ def test_mooring_without_reference_is_corrected(done):
 
 
 def test_compass_has_results_and_a_report_section(done, capsys):
+    keeps_contract(done)
     assert main(["explain", "wh8104", "--cruise", str(done)]) == 0
     assert "of one compass: R1, R2" in capsys.readouterr().out
     compass = result(done, "compasses/wh8104/compass.json")
     assert [one["name"] for one in compass["deployments"]] == ["R1", "R2", "R4", "deck"]
     assert compass["rejected"] == [] and compass["sigma_between"] > 0.0
-    assert set(compass) >= {"deployments", "coefficients", "covariance", "sigma_between", "rejected"}
-    assert result(done, "compasses/wh8104/diagnosis.json")["verdict"] in ("consistent", "explained", "ambiguous")
     assert (done / "results/compasses/wh8104/figures/coefficients.png").is_file()
     page = (done / "results/report.html").read_text()
     assert 'id="compass-wh8104"' in page and "compass is carried by R1, R2, deck" in page
@@ -92,7 +91,3 @@ def test_changed_record_reruns_only_its_compass(done):
     assert {rule for rule, of in again if of not in ("R1", "R2", "R4")} == {
         *("combine_records", "joined_figures", "summary", "cruise_figures", "report", "provenance")
     }
-
-
-def test_results_satisfy_the_contract(done):
-    keeps_contract(done)

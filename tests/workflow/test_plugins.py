@@ -99,7 +99,6 @@ def _forget():
     ("group", "name", "value", "words"),
     [
         (plugins.READERS, "pd0", "tiltmeter:read", "expected a name that compasslib does not use, found 'pd0'"),
-        (plugins.EFFECTS, "heeling", "tiltmeter:ClampCreep", "expected a name that compasslib does not use"),
         (plugins.EFFECTS, "other", "tiltmeter:ClampCreep", "expected an Effect whose name is 'other', found <class"),
         (plugins.EFFECTS, "clamp_creep", "tiltmeter:absent", "expected an importable plug-in, found AttributeError"),
     ],
@@ -121,13 +120,6 @@ def test_any_exception_of_a_plugin_is_reported_in_one_line(tmp_path, monkeypatch
     (tmp_path / "tiltmeter.py").write_text(f"raise {error}\n")
     importlib.invalidate_caches()
     with pytest.raises(InputError, match=r"^tiltmeter 0\.1: .* expected an importable plug-in, found .*line 1\); mend"):
-        readers.get_format("tiltmeter")
-
-
-def test_keyboard_interrupt_is_no_error_of_a_plugin(tmp_path, monkeypatch):
-    declare(tmp_path, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read")
-    (tmp_path / "tiltmeter.py").write_text("raise KeyboardInterrupt\n")
-    with pytest.raises(KeyboardInterrupt):
         readers.get_format("tiltmeter")
 
 

@@ -164,13 +164,10 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
     "declination of the wrong sign": (said(declination=23.6), "off IGRF"),
     "declination taken out of one that has none": (
         said(deep__declination_applied=-23.6),
-        "equal to minus the declination (-23.6°): the directions of the reference lack it",
+        "equal to minus the declination (-23.6°)",
     ),
     "mounted backwards": (backwards, "refute the correction"),
-    "a magnetic reference called true": (
-        said(deep__direction_reference="true"),
-        "equal to minus the declination (-23.6°): the directions of the reference lack it",
-    ),
+    "a magnetic reference called true": (said(deep__direction_reference="true"), "directions of the reference lack it"),
     "cm/s called mm/s": (without_unit(0.0001), "the unit or scale of one is wrong"),
     "cm/s of a header called m/s": (said(deep__columns__scale=1.0), "found cm_s; correct scale"),
     "unrelated water": (unrelated, "held-out pairs refute the correction"),
@@ -182,14 +179,8 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
     "clock that jumps ahead": (clock(lambda i: i + 48 * (i >= 150)), "jumps ahead by days"),
     "no overlap in time": (table(lambda i, row: [row[0].replace("2007", "2012"), *row[1:]]), "lie outside"),
     "no overlap in depth": (said(deep__depth=505), "no two velocities are near enough in time and depth"),
-    "a depth in the file that is not the metadata's": (
-        table(lambda i, r: [r[0], "505.0", *r[2:]]),
-        "505 m never varies",
-    ),
-    "a year of NaN": (
-        table(lambda i, row: [*row[:2], "NaN", "NaN"]),
-        "reference instrument has no usable velocity",
-    ),
+    "a depth that is not the metadata's": (table(lambda i, r: [r[0], "505.0", *r[2:]]), "505 m never varies"),
+    "a year of NaN": (table(lambda i, row: [*row[:2], "NaN", "NaN"]), "reference instrument has no usable velocity"),
     "fillers": (
         table(lambda i, row: row if i % 4 else [*row[:2], "-99.9", "-99.9"]),
         "100 fill values (speeds of nines only)",
@@ -198,10 +189,7 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
     "frozen tilts": (lambda folder: None, "the tilt sensor is stuck"),
     "a longitude that lost its sign": (longitude_without_sign, "differ by a constant of -3"),
     "the other way up": (said(top__orientation="down"), "400 of 400 ensembles say that they looked up; down counts"),
-    "reversed time": (
-        lambda folder: (folder / TOP).write_bytes(b"".join(ensembles(folder)[::-1])),
-        "the clock goes backwards",
-    ),
+    "reversed time": (lambda there: (there / TOP).write_bytes(b"".join(ensembles(there)[::-1])), "goes backwards"),
 }
 
 
@@ -242,13 +230,6 @@ def test_correction_refuted_by_held_out_pairs_is_flagged(sound, tmp_path):
     assert (product.heading_uncertainty_deg[corrected] > 100.0).all() and (product.velocity_quality >= 3).all()
 
 
-def test_samples_after_a_clock_reset_are_left_out(sound, whole, tmp_path):
-    whole = whole["product"].record
-    half = chain.run(spoilt(sound, tmp_path, FAULTS["clock set back in mid record"][0]))["product"].record
-    assert len(half.time_s) == 250
-    assert np.array_equal(half.heading_deg, whole.heading_deg[:250]) and np.array_equal(half.east, whole.east[:250])
-
-
 def test_cruise_without_faults_has_no_warnings(whole):
     left = [w for w in whole["warnings"].split(" | ") if "search was switched off" not in w and "tilt sensor" not in w]
     assert left == [] and whole["share_corrected"] == 1.0
@@ -263,11 +244,9 @@ def test_shell_metacharacters_in_file_names_are_harmless(sound, tmp_path):
     assert not list(tmp_path.rglob("pwned"))
 
 
-@pytest.mark.parametrize("count", [255, 1])
-def test_wrong_cell_count_in_a_header_is_refused(sound, tmp_path, count):
-    """With 255 cells or one instead of four, the velocities of an ensemble cannot be decoded."""
-    folder = spoilt(sound, tmp_path, profiles(0, 9, bytes([count])))
-    found = chain.run(folder)
+def test_wrong_cell_count_in_a_header_is_refused(sound, tmp_path):
+    """With 255 cells instead of four, the velocities of an ensemble cannot be decoded."""
+    found = chain.run(spoilt(sound, tmp_path, profiles(0, 9, bytes([255]))))
     assert "raw/M1/top.000: expected" in found["error"]
 
 
@@ -282,8 +261,8 @@ def test_no_code_of_a_cruise_folder_is_executed(sound, tmp_path):
     assert ran.returncode == 0 and not (tmp_path / "pwned").exists(), ran.stderr
 
 
-@pytest.mark.parametrize(("path", "expected"), [(TOP, "PD0"), (DEEP, "CSV")])
-def test_unreadable_raw_file_is_reported_in_one_line(sound, tmp_path, path, expected):
+@pytest.mark.parametrize("path", [TOP, DEEP])
+def test_unreadable_raw_file_is_reported_in_one_line(sound, tmp_path, path):
     folder = spoilt(sound, tmp_path, lambda there: (there / path).chmod(0))
     said = chain.run(folder)["error"] if not os.access(folder / path, os.R_OK) else without_rights(folder)
     assert "Permission denied" in said and "\n" not in said.strip()

@@ -117,10 +117,7 @@ def stated(folder: Path) -> dict[Job, set[str]]:
         ("provenance", described, [()]),
     ]
     return {
-        (rule, *subject): {
-            *job.flatten(arguments(*subject)).values(),
-            *(x for each in files for x in each(*subject)),
-        }
+        (rule, *subject): {*job.flatten(arguments(*subject)).values(), *(x for each in files for x in each(*subject))}
         for rule, arguments, subjects, *files in rules
         for subject in subjects
     }
@@ -223,14 +220,6 @@ instruments.top.kind: rotor
 instruments.spare.clock_offset_seconds: 60
 instruments.deep.columns: {scale: 0.01, north: v_cm_s, east: u_cm_s, depth: depth_m, time: time_utc}
 """
-# Two keys of a file, whose values are exchanged.
-EXCHANGED = """
-config/config.yaml
-overlap.max_minutes: 15 | overlap.max_metres: 16
-config/moorings/M1.yaml
-instruments.top.declination_applied.heading: 1 | instruments.top.declination_applied.velocity: 2
-instruments.deep.columns.east: v_cm_s | instruments.deep.columns.north: u_cm_s
-"""
 
 
 def lines(table: str) -> list[tuple[str, str]]:
@@ -296,16 +285,6 @@ def test_unused_key_concerns_no_job(written, file, line):
         assert changed(before, stated(folder)) == set()
 
 
-@pytest.mark.parametrize(("file", "line"), lines(EXCHANGED))
-def test_exchanged_values_concern_the_jobs_of_both_keys(written, file, line):
-    folder, _ = written
-    (first, one), (second, other) = (key.split(": ") for key in line.split(" | "))
-    with edited(folder, file, f"{first}: {one}", f"{second}: {other}"):
-        before = stated(folder)
-    with edited(folder, file, f"{first}: {other}", f"{second}: {one}"):
-        assert changed(before, stated(folder))
-
-
 # ------------------------------------------------------------------------------------------------------ by Snakemake
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
@@ -348,8 +327,8 @@ def test_jobs_are_given_the_parameters_and_files_of_the_table(done):
 
 
 REAL = (
-    *("overlap.max_metres", "figures.formats", "attributes.institution", "latitude"),
-    *("instruments.top.exclude", "instruments.mid.fit.name", "instruments.top.sphere", "uncertainty.slope_deg"),
+    *("overlap.max_metres", "figures.formats", "attributes.institution"),
+    *("instruments.top.exclude", "instruments.mid.fit.name", "uncertainty.slope_deg"),
 )
 
 

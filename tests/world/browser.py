@@ -12,7 +12,6 @@ from typing import Any
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 OPTIONS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--hide-scrollbars")
-KEYS = {"Tab": 9, "Enter": 13, "Space": 32, "Home": 36, "ArrowRight": 39}
 
 
 def program() -> str | None:
@@ -76,23 +75,17 @@ class Page:
 
     def press(self, key: str) -> None:
         """Press a key."""
-        text = {"Enter": "\r", "Space": " "}.get(key)
-        name = " " if key == "Space" else key
+        code = {"Tab": 9, "Enter": 13, "Home": 36, "ArrowRight": 39}[key]
         for kind in ("keyDown", "keyUp"):
-            extra = {"text": text} if text and kind == "keyDown" else {}
-            code = KEYS[key]
-            self.send("Input.dispatchKeyEvent", type=kind, key=name, code=key, windowsVirtualKeyCode=code, **extra)
+            extra = {"text": "\r"} if (key, kind) == ("Enter", "keyDown") else {}
+            self.send("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code, **extra)
 
     def drag(self, element: str, begin: float, end: float) -> None:
         """Drag the mouse across an element, a JavaScript expression, from one share of its width to another."""
         box = self.ask(f"(r => [r.x, r.y, r.width, r.height])({element}.getBoundingClientRect())")
         y = box[1] + box[3] / 2.0
-        for kind, share in (
-            ("mouseMoved", begin),
-            ("mousePressed", begin),
-            ("mouseMoved", end),
-            ("mouseReleased", end),
-        ):
+        moves = (("mouseMoved", begin), ("mousePressed", begin), ("mouseMoved", end), ("mouseReleased", end))
+        for kind, share in moves:
             extra = {} if kind == "mouseMoved" and share == begin else {"button": "left", "buttons": 1, "clickCount": 1}
             self.send("Input.dispatchMouseEvent", type=kind, x=box[0] + share * box[2], y=y, **extra)
 
@@ -100,10 +93,6 @@ class Page:
         """Write a PNG of the whole page or of the window."""
         answer = self.send("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
         path.write_bytes(base64.b64decode(answer["data"]))
-
-    def paper(self) -> bytes:
-        """Print the page to PDF."""
-        return base64.b64decode(self.send("Page.printToPDF", preferCSSPageSize=True)["data"])
 
 
 @contextmanager
@@ -120,14 +109,9 @@ def chromium(profile: Path) -> Iterator[Page]:
 
     found = program()
     assert found
-    options = (*OPTIONS, "--remote-debugging-pipe", f"--user-data-dir={profile}")
-    running = subprocess.Popen(
-        [found, *options],
-        preexec_fn=as_the_protocol_asks,
-        close_fds=False,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    started = [found, *OPTIONS, "--remote-debugging-pipe", f"--user-data-dir={profile}"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    running = subprocess.Popen(started, preexec_fn=as_the_protocol_asks, close_fds=False, **quiet)
     os.close(command_in)
     os.close(answer_out)
     page = Page(command_out, answer_in)

@@ -13,22 +13,20 @@ from compasslib.archive import variables
 from compasslib.archive.attributes import SPELLINGS, missing
 from compasslib.archive.files import open_netcdf
 
-CHECKER = "compliance_checker"
 CF, ACDD = "cf:1.11", "acdd:1.3"
 PRODUCTS = ("corrected.nc", "gridded.nc", "gridded_daily.nc")  # files that claim ACDD and OceanSITES as well as CF
 # The CF table has no name for these: its orientation is from true north, and it has no deviation or declination.
-UNNAMED = tuple(
-    name
+UNAVOIDABLE = {
+    f'variable "{name}" missing the following attributes: standard_name'
     for table in (variables.CORRECTED, variables.GRIDDED)
     for name, variable in table.items()
     if not variable.standard_name
-)
-UNAVOIDABLE = {f'variable "{name}" missing the following attributes: standard_name' for name in UNNAMED}
+}
 
 
 def installed() -> bool:
     """Return whether the checker of CF and ACDD is installed."""
-    return importlib.util.find_spec(CHECKER) is not None
+    return importlib.util.find_spec("compliance_checker") is not None
 
 
 def remarks(path: str | Path) -> list[str]:
@@ -62,34 +60,22 @@ def checked(path: str | Path, checker: str) -> list[str]:
     return sorted(f"{group.name} {message}" for group in failed for message in group.msgs) + broken
 
 
-# Checks of a mooring's netCDF file against the OceanSITES manual.
-#
-# Data Format Reference Manual 1.4 (July 2020); numbers in brackets are its sections. Checked are elements that it
-# requires, and values that it prescribes for optional ones; discrete sampling geometries (2.3, notes), which it
-# permits, have their own dimensions.
-
-Remarks = Iterator[str]
-
+# OceanSITES Data Format Reference Manual 1.4 (July 2020): elements that it requires, and values that it prescribes.
 MOMENT = r"\d{4}-\d\d-\d\dT\d\d:\d\d(:\d\d(\.\d+)?)?Z"
 INTERVAL = r"P(?=.)(\d+Y)?(\d+M)?(\d+D)?(T(\d+H)?(\d+M)?(\d+(\.\d+)?S)?)?"
 # Global attributes that the manual requires or whose values it prescribes [2.2, 3.1 to 3.4, 4.1.1].
 FIXED = {
-    "site_code": r".+",
-    "platform_code": r".+",
+    **dict.fromkeys(("site_code", "platform_code", "title", "summary"), r"[\s\S]+"),
     "data_mode": r"[RPDM]",
     "data_type": r"OceanSITES (profile|time-series|trajectory) data",
     "format_version": r"1\.[1345]",
-    "Conventions": r"(?=.*CF-1\.\d)(?=.*ACDD-1\.\d)(?=.*OceanSITES-1\.\d).*",
+    "Conventions": r"(?=.*CF-1\.\d)(?=.*ACDD-1\.\d)(?=.*OceanSITES-1\.4).*",
     "id": r"OS(_[^_]+){3,4}",
     "cdm_data_type": r"Station|TimeSeriesProfile",  # the manual's, and the CDM's name of this featureType
     "featureType": r"timeSeries(Profile)?",
     "source": r"(subsurface mooring|moored surface buoy|ship)",
     "update_interval": rf"void|{INTERVAL}",
     "keywords_vocabulary": r"GCMD Science Keywords|SeaDataNet Parameter Discovery Vocabulary|AGU Index Terms",
-    "time_coverage_start": MOMENT,
-    "time_coverage_end": MOMENT,
-    "time_coverage_duration": INTERVAL,
-    "time_coverage_resolution": INTERVAL,
     "date_created": MOMENT,
     "history": rf"({MOMENT} ?:? .+\n?)+",
     "QC_indicator": r"unknown|excellent|probably good|mixed",
@@ -101,28 +87,27 @@ FIXED = {
         r"Data verified against model or other contextual information|Other QC process applied"
     ),
 }
-# Number of samples from which they are defined.
-FROM_SAMPLES = {"time_coverage_resolution": 2} | {f"time_coverage_{end}": 1 for end in ("start", "end", "duration")}
-GIVEN = ("title", "summary")  # required too; for those that only the user can give see ``remarks``
-RANGES = {
-    f"geospatial_{axis}_{end}": limit for axis, limit in (("lat", 90.0), ("lon", 180.0)) for end in ("min", "max")
+OF_SAMPLES = {  # with the number of samples from which they are defined
+    **{f"time_coverage_{end}": (MOMENT, 1) for end in ("start", "end")},
+    "time_coverage_duration": (INTERVAL, 1),
+    "time_coverage_resolution": (INTERVAL, 2),
 }
 # Attributes of coordinates [2.4].
+EPSG = "urn:ogc:def:crs:EPSG::"
 COORDINATES: dict[str, dict[str, str]] = {
     "TIME": {"standard_name": "time", "units": "days since 1950-01-01T00:00:00Z", "axis": "T"},
     "LATITUDE": {"standard_name": "latitude", "units": "degrees_north", "axis": "Y", "reference": "WGS84"},
     "LONGITUDE": {"standard_name": "longitude", "units": "degrees_east", "axis": "X", "reference": "WGS84"},
     "DEPTH": {"standard_name": "depth", "positive": "down", "reference": "sea_level"},
 }
-FRAMES = {"LATITUDE": "4326", "LONGITUDE": "4326", "DEPTH": "5831"}
+for _name, _frame in (("LATITUDE", "4326"), ("LONGITUDE", "4326"), ("DEPTH", "5831")):
+    COORDINATES[_name]["coordinate_reference_frame"] = EPSG + _frame
 # Names of table 6 that a moored current record can have.
 NAMES = {
     "UCUR": "eastward_sea_water_velocity",
     "VCUR": "northward_sea_water_velocity",
     "TEMP": "sea_water_temperature",
     "PRES": "sea_water_pressure",
-    "CDIR": "direction_of_sea_water_velocity",
-    "CSPD": "sea_water_speed",
 }
 FLAGS = {  # table 2
     0: "unknown",
@@ -135,136 +120,99 @@ FLAGS = {  # table 2
     9: "missing_value",
 }
 USABLE = (1, 2, 7, 8)  # flags that a missing value must not have
-ORIENTATIONS = ("upward", "downward", "horizontal")  # table 8
+NOT_OF_TIME = (variables.BEAM.name, "MODE", "AFFECTED")  # CF 2.4: dimensions of neither space nor time stand first
 
 
 def oceansites_remarks(path: str | Path) -> list[str]:
     """Check a file against the OceanSITES manual and return the remarks, one sentence each."""
     with open_netcdf(path) as nc:
-        apart = {*nc.dimensions, "TIME", "LATITUDE", "LONGITUDE"} | _bounds(nc)
+        bounds = {_attribute(variable, "bounds") for variable in nc.variables.values()}  # exempt by CF 7.1
+        apart = {*nc.dimensions, "TIME", "LATITUDE", "LONGITUDE"} | bounds
         data = [name for name, variable in nc.variables.items() if variable.dtype.kind == "f" and name not in apart]
-        issues = [*_attributes(nc), *_coordinates(nc), *_time(nc), *_names(nc)]
-        issues += [remark for name in data for remark in (*_data(nc, name), *_flagged(nc, name))]
+        issues = [*_whole(nc), *(remark for name in nc.variables if name not in bounds for remark in _named(nc, name))]
+        issues += [remark for name in data for remark in _data(nc, name)]
         return issues + [remark for name in nc.variables if name.endswith("_QC") for remark in _flags(nc, name)]
 
 
-def _attributes(nc: netCDF4.Dataset) -> Remarks:
+def _whole(nc: netCDF4.Dataset) -> Iterator[str]:
+    """Check global attributes, coordinates and times."""
     samples = len(nc.dimensions.get("TIME", ()))
-    for name, form in FIXED.items():
-        value = _attribute(nc, name)
-        if samples >= FROM_SAMPLES.get(name, 0) and not re.fullmatch(form, value):
-            yield f"global attribute {name} is {value!r}, not one of {form}"
-    yield from (f"global attribute {name} is missing" for name in GIVEN if not _attribute(nc, name))
-    if f"OceanSITES-{_attribute(nc, 'format_version')}" not in _attribute(nc, "Conventions"):
-        yield "format_version is not the one in Conventions"
-    for name, limit in RANGES.items():
-        bound = getattr(nc, name, None)
-        if bound is None or not -limit <= float(bound) <= limit:
-            yield f"global attribute {name} is {bound}, not between {-limit:g} and {limit:g}"
+    of_samples = {name: form for name, (form, least) in OF_SAMPLES.items() if samples >= least}
+    for name, form in (FIXED | of_samples).items():
+        if not re.fullmatch(form, _attribute(nc, name)):
+            yield f"global attribute {name} is {_attribute(nc, name)!r}, not one of {form}"
+    for name, limit in (("lat_min", 90.0), ("lat_max", 90.0), ("lon_min", 180.0), ("lon_max", 180.0)):
+        if not abs(float(getattr(nc, f"geospatial_{name}", np.inf))) <= limit:
+            yield f"global attribute geospatial_{name} is not between {-limit:g} and {limit:g}"
     if "DEPTH" in nc.variables and np.any(_usable(nc["DEPTH"])):
-        missing = [name for name in ("geospatial_vertical_min", "geospatial_vertical_max") if not _attribute(nc, name)]
-        yield from (f"global attribute {name} is missing" for name in missing)
-
-
-def _coordinates(nc: netCDF4.Dataset) -> Remarks:
+        ends = {f"geospatial_vertical_{end}" for end in ("min", "max")} - {*nc.ncattrs()}
+        yield from (f"global attribute {name} is missing" for name in ends)
     for name, expected in COORDINATES.items():
         if name not in nc.variables:
             yield f"variable {name} is missing"
             continue
-        crs = {"coordinate_reference_frame": f"urn:ogc:def:crs:EPSG::{FRAMES[name]}"} if name in FRAMES else {}
-        for key, value in (expected | crs).items():
+        for key, value in expected.items():
             if _attribute(nc[name], key) != value:
                 yield f"{name}:{key} is {_attribute(nc[name], key)!r}, not {value!r}"
         if not _attribute(nc[name], "QC_indicator") and f"{name}_QC" not in nc.variables:
             yield f"{name} has neither QC_indicator nor {name}_QC"
-
-
-def _time(nc: netCDF4.Dataset) -> Remarks:
-    if "TIME" not in nc.variables:
-        return
-    if nc["TIME"].dtype != np.float64 or nc["TIME"].dimensions != ("TIME",):
-        yield "TIME is not double TIME(TIME)"
     times = np.asarray(nc["TIME"][...], dtype=float)
-    if "_FillValue" in nc["TIME"].ncattrs() or not np.isfinite(times).all():
-        yield "TIME may have no missing values"
-    if not (np.diff(times) > 0).all():
+    if nc["TIME"].dtype != np.float64 or nc["TIME"].dimensions != ("TIME",) or "_FillValue" in nc["TIME"].ncattrs():
+        yield "TIME is not double TIME(TIME) without a fill value"
+    if not np.isfinite(times).all() or not (np.diff(times) > 0).all():
         yield "TIME does not increase"
 
 
-def _names(nc: netCDF4.Dataset) -> Remarks:
-    for name, variable in nc.variables.items():
-        if name in _bounds(nc):
-            continue
-        if not re.fullmatch(r"[A-Z][A-Z0-9_]*", name):
-            yield f"variable {name} is not named in capitals"
-        if name in NAMES and _attribute(variable, "standard_name") != NAMES[name]:
-            yield f"{name}:standard_name is not {NAMES[name]}"
-        left = (variables.BEAM.name, "MODE", "AFFECTED")  # CF 2.4: dimensions of neither space nor time stand first
-        if "TIME" in [other for other in variable.dimensions if other not in left][1:]:
-            yield f"{name}: TIME is not the first of its dimensions"
-        if not _attribute(variable, "long_name"):
-            yield f"{name}:long_name is missing"
-
-
-def _data(nc: netCDF4.Dataset, name: str) -> Remarks:
-    """Check units, fill value and coordinates of a data variable [2.5]."""
+def _named(nc: netCDF4.Dataset, name: str) -> Iterator[str]:
     variable = nc[name]
-    if not _attribute(variable, "units"):
-        yield f"{name}:units is missing"
-    if "_FillValue" not in variable.ncattrs():
-        yield f"{name}:_FillValue is missing"
+    if not re.fullmatch(r"[A-Z][A-Z0-9_]*", name) or not _attribute(variable, "long_name"):
+        yield f"variable {name} is not named in capitals, or has no long_name"
+    if name in NAMES and _attribute(variable, "standard_name") != NAMES[name]:
+        yield f"{name}:standard_name is not {NAMES[name]}"
+    if "TIME" in [other for other in variable.dimensions if other not in NOT_OF_TIME][1:]:
+        yield f"{name}: TIME is not the first of its dimensions"
+
+
+def _data(nc: netCDF4.Dataset, name: str) -> Iterator[str]:
+    """Check units, fill value, coordinates and flags of a data variable [2.5, 2.6]."""
+    variable, flags = nc[name], f"{name}_QC"
+    if not _attribute(variable, "units") or "_FillValue" not in variable.ncattrs():
+        yield f"{name}:units or _FillValue is missing"
     if name not in COORDINATES and not name.endswith("_DEPTH") and not _attribute(variable, "coordinates"):
         yield f"{name}:coordinates is missing"
     for key in ("coordinates", "ancillary_variables"):
         absent = [other for other in _attribute(variable, key).split() if other not in nc.variables]
         yield from (f"{name}:{key} names {other}, which is not in the file" for other in absent)
-    if _attribute(variable, "sensor_orientation") not in ("", *ORIENTATIONS):
+    if _attribute(variable, "sensor_orientation") not in ("", "upward", "downward", "horizontal"):  # table 8
         yield f"{name}:sensor_orientation is {_attribute(variable, 'sensor_orientation')!r}, not of table 8"
-    if name.endswith("_UNCERTAINTY") and name != "HEADING_COMMON_UNCERTAINTY":  # a part of that of HEADING_CORRECTED
-        yield from _uncertainty(nc, name)
-
-
-def _uncertainty(nc: netCDF4.Dataset, name: str) -> Remarks:
     base = name.removesuffix("_UNCERTAINTY")
-    if base not in nc.variables or _attribute(nc[name], "units") != _attribute(nc[base], "units"):
-        yield f"{name}:units are not those of {base}"
-    if _attribute(nc[name], "long_name") != f"uncertainty of {base}":
-        yield f"{name}:long_name is not 'uncertainty of {base}'"
-
-
-def _flagged(nc: netCDF4.Dataset, name: str) -> Remarks:
-    """Check that a data variable has flags or ``QC_indicator``, or is ancillary to another variable [2.6]."""
+    if base != name and base != "HEADING_COMMON":  # a part of that of HEADING_CORRECTED
+        if base not in nc.variables or _attribute(variable, "units") != _attribute(nc[base], "units"):
+            yield f"{name}:units are not those of {base}"
+        if _attribute(variable, "long_name") != f"uncertainty of {base}":
+            yield f"{name}:long_name is not 'uncertainty of {base}'"
     helpers = {other for v in nc.variables.values() for other in _attribute(v, "ancillary_variables").split()}
-    if f"{name}_QC" not in nc.variables:
-        if name not in helpers and not _attribute(nc[name], "QC_indicator"):
-            yield f"{name} has neither QC_indicator nor {name}_QC"
-        return
-    if f"{name}_QC" not in _attribute(nc[name], "ancillary_variables").split():
-        yield f"{name}:ancillary_variables does not name {name}_QC"
-    if nc[f"{name}_QC"].dimensions != nc[name].dimensions:
-        yield f"{name}_QC has other dimensions than {name}"
-    elif np.any(~_usable(nc[name]) & np.isin(nc[f"{name}_QC"][...], USABLE)):
-        yield f"{name}_QC calls a missing value usable"
+    if flags not in nc.variables:
+        if name not in helpers and not _attribute(variable, "QC_indicator"):
+            yield f"{name} has neither QC_indicator nor {flags}"
+    elif flags not in _attribute(variable, "ancillary_variables").split():
+        yield f"{name}:ancillary_variables does not name {flags}"
+    elif nc[flags].dimensions != variable.dimensions:
+        yield f"{flags} has other dimensions than {name}"
+    elif np.any(~_usable(variable) & np.isin(nc[flags][...], USABLE)):
+        yield f"{flags} calls a missing value usable"
 
 
-def _flags(nc: netCDF4.Dataset, name: str) -> Remarks:
+def _flags(nc: netCDF4.Dataset, name: str) -> Iterator[str]:
     """Check type, name and scale of a flag variable [2.6, table 2]."""
-    variable, base = nc[name], name.removesuffix("_QC")
-    if variable.dtype != np.int8:
-        yield f"{name} is not of type byte"
-    if _attribute(variable, "long_name") != f"quality flag for {base}":
-        yield f"{name}:long_name is not 'quality flag for {base}'"
-    if np.atleast_1d(getattr(variable, "flag_values", [])).tolist() != list(FLAGS):
-        yield f"{name}:flag_values are not those of table 2"
-    if _attribute(variable, "flag_meanings").split() != list(FLAGS.values()):
+    variable, long_name = nc[name], f"quality flag for {name.removesuffix('_QC')}"
+    if variable.dtype != np.int8 or _attribute(variable, "long_name") != long_name:
+        yield f"{name} is not of type byte, or its long_name is not {long_name!r}"
+    values = np.atleast_1d(getattr(variable, "flag_values", [])).tolist()
+    if values != list(FLAGS) or _attribute(variable, "flag_meanings").split() != list(FLAGS.values()):
         yield f"{name}:flag_meanings are not those of table 2"
     if not np.isin(variable[...], list(FLAGS)).all():
         yield f"{name} holds a flag that table 2 has not"
-
-
-def _bounds(nc: netCDF4.Dataset) -> set[str]:
-    """Return the names of the variables of coordinate bounds, which CF exempts from attributes [7.1]."""
-    return {_attribute(variable, "bounds") for variable in nc.variables.values()}
 
 
 def _usable(variable: netCDF4.Variable) -> Any:

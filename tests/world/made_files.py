@@ -70,11 +70,6 @@ def _short_names(path: Path, truth: Truth) -> dict[str, Any]:
     return {"columns": COLUMNS | {"time": names}}
 
 
-def _by_number_and_comma(path: Path, truth: Truth) -> dict[str, Any]:
-    _rows(path, truth, [str(t).split("T") for t in truth.time], by=" ", decimal=",")
-    return {"columns": {"date": 1, "clock": 2, "east": 3, "north": 4, "heading": 5}}
-
-
 def _odf(path: Path, truth: Truth) -> dict[str, Any]:
     times = [t.strftime("'%d-%b-%Y %H:%M:%S.00'").split() for t in truth.time.astype(object)]
     _rows(path, truth, times, "ODF_HEADER,\n  FILE_SPECIFICATION='M1',\n-- DATA --\n", by="  ")
@@ -112,11 +107,6 @@ def _header_line(path: Path, truth: Truth) -> dict[str, Any]:
 def _units_in_comment(path: Path, truth: Truth) -> dict[str, Any]:
     _rows(path, truth, _iso(truth), "# M1\n# t,u,v,h,q\n# ,cm/s,cm/s,degrees,\n", scale=100.0)
     return {"columns": COLUMNS}
-
-
-def _comma(path: Path, truth: Truth) -> dict[str, Any]:
-    _rows(path, truth, _iso(truth), "t;u (cm/s);v (cm/s);h;q\n", ";", decimal=",", scale=100.0)
-    return {"columns": COLUMNS | {"east": "u (cm/s)", "north": "v (cm/s)"}}
 
 
 def _day_first(path: Path, truth: Truth) -> dict[str, Any]:
@@ -246,14 +236,12 @@ def _polar(path: Path, truth: Truth) -> dict[str, Any]:
 KINDS: dict[str, tuple[str, str, int, Callable[[Path, Truth], dict[str, Any]], bool, bool]] = {
     "columns by number": ("table", ".dat", 1, _by_number, True, False),
     "short names of date and time": ("table", ".csv", 1, _short_names, True, False),
-    "columns by number and decimal commas": ("table", ".dat", 1, _by_number_and_comma, True, False),
     "ODF": ("table", ".odf", 1, _odf, True, False),
     "year and day of the year": ("table", ".csv", 1, _day_of_year, True, False),
     "matplotlib": ("table", ".csv", 1, _matplotlib, True, False),
     "names that repeat": ("table", ".csv", 1, _twice, True, True),
     "header line and comments": ("table", ".csv", 1, _header_line, True, False),
     "units in a comment": ("table", ".csv", 1, _units_in_comment, True, False),
-    "decimal commas and cm/s": ("table", ".csv", 1, _comma, True, False),
     "day first and flags": ("table", ".txt", 1, _day_first, True, True),
     "quoted": ("table", ".csv", 1, _quoted, True, False),
     "odv": ("odv", ".txt", 1, _odv, True, True),

@@ -7,7 +7,8 @@ with a fixed rotation and has its own clock, compass and inclinometers.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+from scipy.spatial.transform import Rotation
 
 from compasslib.angles import wrap360
 from compasslib.demo import adcp, compass
@@ -18,7 +19,7 @@ from compasslib.demo.water import Floats, red_noise, red_vector
 STEP_S = 0.1
 FIELD_NT = (22000.0, 40000.0)  # horizontal and vertical, of the middle latitudes
 NO_IRON = Iron()
-SMOOTH_STEPS = 20  # smoothing, as a heavy frame has inertia
+SMOOTH_STEPS = 20
 
 
 @dataclass(frozen=True)
@@ -83,17 +84,22 @@ def lower(rng: np.random.Generator, sea: Sea, start_s: float) -> Motion:
     Args:
         start_s: time at which it enters the water, UTC seconds since 1970.
     """
+
+    def smooth(series: Floats) -> Floats:  # a heavy frame has inertia: a running mean over two seconds, twice
+        once = uniform_filter1d(series, SMOOTH_STEPS, mode="nearest")
+        return np.asarray(uniform_filter1d(once, SMOOTH_STEPS, mode="nearest", origin=-1))
+
     duration = 2.0 * sea.deepest_m / sea.speed_m_s
     since = np.arange(0.0, duration, STEP_S)
     count = since.size
-    wander = _smooth(red_noise(rng, count, memory=sea.wander_s / STEP_S, deviation=sea.wander_deg))
+    wander = smooth(red_noise(rng, count, memory=sea.wander_s / STEP_S, deviation=sea.wander_deg))
     heading = rng.uniform(0.0, 360.0) + 360.0 * sea.turns * since / duration + wander
     groups = red_vector(rng, count, memory=6 * sea.swell_s / STEP_S, deviation=sea.swell_deg)
     cross = red_vector(rng, count, memory=6 * sea.swell_s / STEP_S, deviation=sea.swell_deg)
     wave = np.exp(2j * np.pi * since / sea.swell_s)
     # Swell and lean are fixed relative to the earth while the frame turns.
-    ahead = _smooth((groups * wave).real) + sea.lean_deg
-    aside = _smooth((cross * wave).real)
+    ahead = smooth((groups * wave).real) + sea.lean_deg
+    aside = smooth((cross * wave).real)
     turned = (ahead + 1j * aside) * np.exp(-1j * np.deg2rad(heading))
     depth = sea.deepest_m - np.abs(since * sea.speed_m_s - sea.deepest_m)
     # If the top leans forward, the bow is lower, and the pitch, forward up, is negative.
@@ -113,18 +119,17 @@ def stand(rng: np.random.Generator, motion: Motion, head: Head, field_nt: tuple[
     )
     heading, pitch, roll = mounted(heading, (pitch, roll), head.mount_deg)
     memory = head.slow_s / head.ping_s
+    slow = {"memory": memory, "deviation": head.slow_deg / 5.0}
     sensed = tuple(
-        x
-        + rng.normal(0.0, head.tilt_noise_deg, time.size)
-        + red_noise(rng, time.size, memory=memory, deviation=head.slow_deg / 5.0)
+        x + rng.normal(0.0, head.tilt_noise_deg, time.size) + red_noise(rng, time.size, **slow)
         for x in adcp.inclinometers(pitch, roll)
     )
     if head.iron == NO_IRON:
         recorded = read_through(heading, head.deviation_deg)
     else:
         recorded = compass.recorded_heading(field_nt, heading, tilt_deg=(pitch, roll), iron=head.iron)
-    slow = red_noise(rng, time.size, memory=memory, deviation=head.slow_deg)
-    recorded = wrap360(recorded + slow + rng.normal(0.0, head.noise_deg, time.size))
+    recorded = recorded + red_noise(rng, time.size, memory=memory, deviation=head.slow_deg)
+    recorded = wrap360(recorded + rng.normal(0.0, head.noise_deg, time.size))
     share = (time - motion.time_s[0]) / np.ptp(motion.time_s) - 0.5
     clock = time + head.clock_s + head.drift_s * share
     return Posture(time, clock, depth, heading, recorded, (pitch, roll), (sensed[0], sensed[1]))
@@ -152,8 +157,8 @@ def ensembles(posture: Posture, *, looks_up: bool, velocity_m_s: Floats | None =
         temperature_c=np.full(n, 4.0),
         supply_counts=np.full(n, 150, dtype=np.uint8),
         velocity_m_s=velocity,
-        correlation=_counts(cells, 110),
-        echo=_counts(cells, 120),
+        correlation=np.full(cells, 110, dtype=np.uint8),
+        echo=np.full(cells, 120, dtype=np.uint8),
         percent_good=np.where(np.arange(4) == 3, np.uint8(100), np.uint8(0)) * np.ones(cells, dtype=np.uint8),
     )
 
@@ -183,17 +188,6 @@ def encoded(posture: Posture, *, looks_up: bool = False, mirrored: bool = False)
     return adcp.encode(setup(looks_up=looks_up), ensembles(posture, looks_up=looks_up)).tobytes()
 
 
-def _counts(shape: tuple[int, ...], value: int) -> NDArray[np.uint8]:
-    return np.full(shape, value, dtype=np.uint8)
-
-
-def _smooth(series: Floats) -> Floats:
-    """Apply a running mean over two seconds twice, padding with the edge values."""
-    kernel = np.convolve(np.ones(SMOOTH_STEPS), np.ones(SMOOTH_STEPS)) / SMOOTH_STEPS**2
-    padded = np.pad(series, SMOOTH_STEPS, mode="edge")
-    return np.convolve(padded, kernel, mode="same")[SMOOTH_STEPS:-SMOOTH_STEPS]
-
-
 def mounted(
     heading_deg: Floats, tilt_deg: tuple[Floats, Floats], mount_deg: tuple[float, float, float]
 ) -> tuple[Floats, Floats, Floats]:
@@ -204,18 +198,10 @@ def mounted(
         tilt_deg: pitch, forward up, and roll, starboard down, of the frame, (n,) each.
         mount_deg: heading, pitch and roll of the body relative to the frame.
     """
-    zero = np.zeros(1)
-    inner = (_turning(zero + mount_deg[0]) @ compass.tilting(zero + mount_deg[1], zero + mount_deg[2]))[0]
-    whole = _turning(heading_deg) @ compass.tilting(*tilt_deg) @ inner
-    heading = np.rad2deg(np.unwrap(np.arctan2(whole[:, 1, 0], whole[:, 0, 0])))
-    pitch = np.rad2deg(np.arcsin(-whole[:, 2, 0]))
-    return heading, pitch, np.rad2deg(np.arctan2(whole[:, 2, 1], whole[:, 2, 2]))
-
-
-def _turning(heading_deg: Floats) -> Floats:
-    turn = np.deg2rad(heading_deg)
-    s, c, zero, one = np.sin(turn), np.cos(turn), np.zeros_like(turn), np.ones_like(turn)
-    return np.stack([np.stack(row, axis=-1) for row in ((c, -s, zero), (s, c, zero), (zero, zero, one))], axis=-2)
+    inner = Rotation.from_euler("ZYX", mount_deg, degrees=True)
+    frame = Rotation.from_euler("ZYX", np.column_stack([heading_deg, *tilt_deg]), degrees=True)
+    heading, pitch, roll = (frame * inner).as_euler("ZYX", degrees=True).T
+    return np.unwrap(heading, period=360.0), pitch, roll
 
 
 def read_through(heading_deg: Floats, series_deg: tuple[float, ...]) -> Floats:

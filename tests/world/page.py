@@ -15,7 +15,6 @@ class Element:
     name: str
     attributes: dict[str, str | None]
     text: str = ""
-    inside: tuple[str, ...] = ()  # names of the enclosing elements, outermost first
 
 
 @dataclass
@@ -29,25 +28,18 @@ class Document(HTMLParser):
         self._open: list[Element] = []
 
     def handle_starttag(self, tag, attrs):
-        names = [name for name, _ in attrs]
-        assert len(names) == len(set(names)), f"an attribute twice in {self.get_starttag_text()[:200]}"
-        element = Element(tag, dict(attrs), inside=tuple(one.name for one in self._open))
-        self.elements.append(element)
+        assert len({name for name, _ in attrs}) == len(attrs), f"an attribute twice in {self.get_starttag_text()[:200]}"
+        self.elements.append(Element(tag, dict(attrs)))
         if tag not in VOID:
-            self._open.append(element)
+            self._open.append(self.elements[-1])
 
     def handle_endtag(self, tag):
-        assert self._open and self._open[-1].name == tag, f"</{tag}> in line {self.getpos()[0]} closes nothing"
-        self._open.pop()
+        assert self._open and self._open.pop().name == tag, f"</{tag}> in line {self.getpos()[0]} closes nothing"
 
     def handle_data(self, data):
         for element in self._open:
             if element.name not in WHOLE:
                 element.text += data
-
-    def close(self):
-        super().close()
-        assert not self._open, f"never closed: {[one.name for one in self._open]}"
 
     def all(self, *names: str) -> list[Element]:
         """List the elements of these names in page order."""
@@ -56,12 +48,8 @@ class Document(HTMLParser):
 
 def read(path: Path) -> Document:
     """Parse a page from a file."""
-    return parse(path.read_text(encoding="utf-8"))
-
-
-def parse(text: str) -> Document:
-    """Parse a page from a string."""
     document = Document()
-    document.feed(text)
+    document.feed(path.read_text(encoding="utf-8"))
     document.close()
+    assert not document._open, f"never closed: {[one.name for one in document._open]}"
     return document

@@ -43,12 +43,8 @@ class AxesLog:
     truth: Truth
 
 
-def _sin(angle_deg: Floats | float) -> Floats:
-    return np.asarray(np.sin(RAD * np.asarray(angle_deg)))
-
-
-def _cos(angle_deg: Floats | float) -> Floats:
-    return np.asarray(np.cos(RAD * np.asarray(angle_deg)))
+def _sin_cos(angle_deg: Floats | float) -> tuple[Floats, Floats]:
+    return np.sin(RAD * angle_deg), np.cos(RAD * angle_deg)
 
 
 def bench(rng: np.random.Generator, effect: str) -> Bench:
@@ -60,12 +56,12 @@ def bench(rng: np.random.Generator, effect: str) -> Bench:
     iron = np.append(iron, rng.normal(0.0, 0.02, 2))
     if effect == "large_deviation":
         strength, towards = rng.uniform(0.6, 1.4), rng.uniform(0.0, 360.0)
-        iron[1:3] = strength * np.array([_sin(towards), _cos(towards)])
+        iron[1:3] = strength * np.array(_sin_cos(towards))
     recorded, truth = exact_compass(iron, correct), Truth()
     if effect in ("sextantal", "octantal"):
         cycles = 3 if effect == "sextantal" else 4
         size, phase = rng.uniform(1.2, 3.0), rng.uniform(0.0, 360.0)
-        recorded = recorded + size * _sin(cycles * recorded + phase)
+        recorded = recorded + size * _sin_cos(cycles * recorded + phase)[0]
         truth = lobes(size, phase)
     if effect == "heading_slip":
         truth = {"offset_deg": rng.uniform(1.5, 4.0)}
@@ -81,14 +77,15 @@ def log(rng: np.random.Generator, effect: str) -> AxesLog:
     time_s = 1.6e9 + np.arange(n, dtype=float)
     heading = 360.0 * turns * np.arange(n) / n + 20.0 * np.sin(np.arange(n) / rng.uniform(20.0, 60.0))
     pitch, roll = (rng.uniform(-1.0, 1.0) + 2.0 * np.sin(np.arange(n) / rng.uniform(5.0, 40.0)) for _ in range(2))
-    level = np.column_stack([H_NT * _cos(heading), -H_NT * _sin(heading), np.full(n, Z_NT)])
+    sine, cosine = _sin_cos(heading)
+    level = np.column_stack([H_NT * cosine, -H_NT * sine, np.full(n, Z_NT)])
     levelling = tilting(pitch, roll)
     if effect != "tilt_uncompensated":
         pitch, roll, levelling = np.zeros(n), np.zeros(n), np.broadcast_to(np.eye(3), (n, 3, 3))
     field = np.einsum("nji,nj->ni", levelling, level)
     temperature = 10.0 + 5.0 * np.sin(np.arange(n) / rng.uniform(150.0, 300.0))
     strength, towards = rng.uniform(1000.0, 6000.0), rng.uniform(0.0, 360.0)
-    hard = strength * np.array([float(_sin(towards)), float(_cos(towards)), 0.0])
+    hard = strength * np.array([*_sin_cos(towards), 0.0])
     truth = {"share": 1.0} if effect == "tilt_uncompensated" else Truth()
     if effect == "hard_iron":
         field, truth = field + hard, {"b_x_nT": hard[0], "b_y_nT": hard[1]}
@@ -107,15 +104,14 @@ def log(rng: np.random.Generator, effect: str) -> AxesLog:
     if effect == "compass_lag":
         truth = {"lag_s": rng.uniform(2.0, 6.0)}
         logged = wrap360(np.interp(np.arange(n) - truth["lag_s"], np.arange(n), heading))
-    tilted = pitch.any()
-    return AxesLog(
-        time_s, field + noise, pitch if tilted else None, roll if tilted else None, logged, temperature, truth
-    )
+    tilts = (pitch, roll) if pitch.any() else (None, None)
+    return AxesLog(time_s, field + noise, *tilts, logged, temperature, truth)
 
 
 def lobes(size_deg: float, phase_deg: float) -> Truth:
     """Compute the sine and cosine parameters of a harmonic."""
-    return {"sine_deg": float(size_deg * _cos(phase_deg)), "cosine_deg": float(size_deg * _sin(phase_deg))}
+    sine, cosine = _sin_cos(phase_deg)
+    return {"sine_deg": float(size_deg * cosine), "cosine_deg": float(size_deg * sine)}
 
 
 def boat(rng: np.random.Generator, effect: str) -> tuple[Boat, Truth]:
@@ -137,17 +133,12 @@ def boat(rng: np.random.Generator, effect: str) -> tuple[Boat, Truth]:
     late, way, harmonic = 4.0 + 6.0 * size, rng.choice([-1.0, 1.0]), 1.5 + 2.5 * size
     keep = np.exp(-1.0 / late)
     log_scale = rng.normal(1.0, 0.05)
+    one_speed = {"water_kn": water, "speeds_vary": False, "plan": swing.ONE_CIRCLE}
     drawn: dict[str, tuple[dict[str, object], Truth]] = {
         "": ({}, {}),
         "water_drift": ({"water_kn": water}, known),
-        "water_drift, one speed, ship's log": (
-            {"water_kn": water, "log_scale": log_scale, "speeds_vary": False, "plan": swing.ONE_CIRCLE},
-            known,
-        ),
-        "water_drift, one speed, one circle": (
-            {"water_kn": water, "speeds_vary": False, "plan": swing.ONE_CIRCLE},
-            known,
-        ),
+        "water_drift, one speed, ship's log": (one_speed | {"log_scale": log_scale}, known),
+        "water_drift, one speed, one circle": (one_speed, known),
         "course_lag": ({"filter_s": late}, {"lag_s": keep / (1.0 - keep)}),
         "compass_lag": ({"lag_s": late}, {"lag_s": late}),
         "clock_offset": ({"clock_s": way * 2.0 * late}, {"offset_s": way * 2.0 * late}),
@@ -164,12 +155,8 @@ def boat(rng: np.random.Generator, effect: str) -> tuple[Boat, Truth]:
 def written(passage: Passage, path: Path) -> Path:
     """Write the log of a swing as a table and return its path."""
     stamps = np.datetime_as_string((1000.0 * passage.time_s).astype("datetime64[ms]"))
-    columns = {
-        "compass_deg": passage.compass_deg,
-        "cog_deg": passage.course_deg,
-        "speed_kn": passage.speed_kn,
-        "time_utc": stamps,
-    }
+    columns = {"compass_deg": passage.compass_deg, "cog_deg": passage.course_deg, "speed_kn": passage.speed_kn}
+    columns["time_utc"] = stamps
     if np.isfinite(passage.water_speed_kn).all():
         columns["water_speed_kn"] = passage.water_speed_kn
     with path.open("w", newline="") as stream:

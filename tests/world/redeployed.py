@@ -1,8 +1,10 @@
-"""Simulation of repeated deployments of one profiler: same compass, other currents and places, changes of iron."""
+"""Simulation of four deployments of one profiler: same compass, other currents, places and batteries.
+
+Two deployments are complete, the reference of one failed early, one has none; and there is a bench calibration.
+"""
 
 import csv
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -11,102 +13,9 @@ import numpy as np
 from compasslib.demo.compass import earth_field
 from compasslib.demo.water import Floats
 from tests.world import pairs as sea
-from tests.world.pairs import Drawn, SlowWater, World
+from tests.world.pairs import Drawn, World
 
-HOUR_S = 3600.0
 APART_S = 400 * 86400.0  # from the start of one deployment to that of the next
-SAME_SEASON_S = 2 * 365.25 * 86400.0  # the same if all deployments start in the same season
-
-
-@dataclass(frozen=True)
-class Iron:
-    """Iron of a compass in physical units."""
-
-    soft: Floats  # (3, 3) on the field, identity without iron
-    hard_nT: Floats  # (3,) forward, starboard, down
-
-
-def some_iron(rng: np.random.Generator) -> Iron:
-    """Draw the iron of a profiler with random size and direction."""
-    made = sea.iron(rng)
-    soft = made["soft"].copy()
-    soft[:2, 2] = rng.normal(0.0, 0.01, 2)  # induced by the vertical field
-    return Iron(soft, 12000.0 * np.clip(made["hard"], -0.3, 0.3))
-
-
-def deployments(
-    seed: int,
-    *,
-    count: int = 3,
-    between_nT: float = 100.0,
-    shared: tuple[str, float] | None = None,
-    season_deg: float = 0.0,
-    slow_water: SlowWater | None = None,
-    hours: int = 8000,
-    earth: Sequence[tuple[float, float]] = (),
-) -> list[Drawn]:
-    """Simulate the recordings of one compass in several deployments.
-
-    Args:
-        between_nT: standard deviation of either horizontal component of the hard iron between deployments.
-        shared: effect of the instrument and its visible size in the first deployment, rms degrees.
-        season_deg: amplitude of a seasonal veer that recurs in every deployment; 0 for none.
-        hours: length of each deployment.
-        earth: horizontal and vertical field of each deployment, nT; drawn at random if empty.
-    """
-    rng = np.random.default_rng(seed)
-    iron = some_iron(rng)
-    step = APART_S if not season_deg else SAME_SEASON_S
-    worlds = [
-        _moored(1000 * seed + k, iron, rng.normal(0.0, between_nT, 2), begin_s=step * k, hours=hours, water=slow_water)
-        for k in range(count)
-    ]
-    worlds = (
-        [replace(w, earth=field, hard=w.hard * w.earth[0] / field[0]) for w, field in zip(worlds, earth, strict=True)]
-        if earth
-        else worlds
-    )
-    phase = float(rng.uniform(0.0, 360.0))
-    if season_deg:
-        worlds = [_in_season(world, season_deg, phase) for world in worlds]
-    if shared is None:
-        return [sea.planted(world, {}) for world in worlds]
-    name, size_deg = shared
-    made = [sea.effect(replace(world, rng=np.random.default_rng(seed)), name) for world in worlds]
-    unit = max(sea.visible(worlds[0], made[0], 1.0), 0.02)
-    return [_with(world, name, part, size_deg / unit) for world, part in zip(worlds, made, strict=True)]
-
-
-def _moored(seed: int, iron: Iron, changed_nT: Floats, *, begin_s: float, hours: int, water: SlowWater | None) -> World:
-    world = sea.make(seed, wide=True, n=hours, slow_water=water)
-    hard = iron.hard_nT + np.append(changed_nT, 0.0)
-    moved = world.time_s - world.time_s[0] + sea.BEGIN_S + begin_s
-    return replace(world, time_s=moved, soft=iron.soft, hard=hard / world.earth[0])
-
-
-def _in_season(world: World, veer_deg: float, phase_deg: float) -> World:
-    """Add a seasonal veer of the lower current, and make the temperature follow the same season."""
-    turn = np.cos(2.0 * np.pi * world.time_s / (sea.YEAR_H * HOUR_S) + phase_deg * sea.RAD)
-    lower = sea.turned(world.flow + world.difference, veer_deg * turn)
-    quick = world.temperature - 1.5 * np.cos(2.0 * np.pi * world.hours / sea.YEAR_H)
-    calm = 4.0 + 1.5 * turn + 0.3 * (quick - quick.mean())
-    return replace(world, difference=lower - world.flow, temperature=calm)
-
-
-def _with(world: World, name: str, part: sea.Effect, size: float) -> Drawn:
-    """Simulate the recording with an effect whose physical size is the same in every deployment."""
-    bare = sea.planted(world, {})
-    gamma, _, _ = sea.combined(world, [(part, size)])
-    gamma = gamma + world.rng.normal(0.0, 0.5, gamma.size)
-    upper = sea.turned(world.flow, sea.wrap(gamma - world.heading))
-    pairs = replace(bare.pairs, heading_deg=gamma % 360.0, upper_east=upper.real, upper_north=upper.imag)
-    truth = {name: {key: value * size for key, value in part.parameters.items()}}
-    visible = {name: sea.visible(world, part, size)}
-    return replace(bare, pairs=pairs, truth=truth, visible_deg=visible, parts=[(part, size)])
-
-
-# The example cruise: two complete deployments, one whose reference failed early, one without, and a bench calibration.
-
 PLACES = {"R1": (65.3333, -32.955), "R2": (60.0, -40.0), "R3": (66.5, -25.0), "R4": (64.0, -30.0)}
 METER_FAILED_S = 21 * 86400.0  # reference of R3, after the start; R4 has none
 BENCH, BENCH_PLACE, BENCH_S = "deck", (64.15, -21.9), 1187600400.0  # 20 August 2007, before R1
@@ -126,14 +35,47 @@ def write_cruise(folder: Path | str, seed: int = 1, *, hours: int = 8000, every:
     """
     begins = [sea.BEGIN_S + APART_S * k for k in range(len(PLACES))]
     earth = [_earth(place, begin) for place, begin in zip(PLACES.values(), begins, strict=True)]
-    drawn = deployments(seed, count=4, between_nT=BATTERIES_NT, shared=(EFFECT, SIZE_DEG), hours=hours, earth=earth)
+    drawn = _deployments(seed, earth, hours)
     for name, one, begin in zip(PLACES, drawn, begins, strict=True):
         _write_mooring(Path(folder), name, one, begin, every)
     _write_bench(Path(folder), seed, drawn[0])
 
 
+def _deployments(seed: int, earth: list[tuple[float, float]], hours: int) -> list[Drawn]:
+    """Simulate the recordings of one compass in several deployments with one effect of equal physical size.
+
+    Args:
+        earth: horizontal and vertical field of each deployment, nT.
+    """
+    rng = np.random.default_rng(seed)
+    made = sea.iron(rng)
+    soft = made["soft"].copy()
+    soft[:2, 2] = rng.normal(0.0, 0.01, 2)  # induced by the vertical field
+    hard_nT, worlds = 12000.0 * np.clip(made["hard"], -0.3, 0.3), []
+    for k, field in enumerate(earth):
+        changed_nT = np.append(rng.normal(0.0, BATTERIES_NT, 2), 0.0)
+        world = sea.make(1000 * seed + k, wide=True, n=hours)
+        time_s = world.time_s - world.time_s[0] + sea.BEGIN_S + APART_S * k
+        worlds.append(replace(world, time_s=time_s, soft=soft, hard=(hard_nT + changed_nT) / field[0], earth=field))
+    effects = [sea.effect(replace(world, rng=np.random.default_rng(seed)), EFFECT) for world in worlds]
+    size = SIZE_DEG / max(sea.visible(worlds[0], effects[0], 1.0), 0.02)
+    return [_with(world, part, size) for world, part in zip(worlds, effects, strict=True)]
+
+
+def _with(world: World, part: sea.Effect, size: float) -> Drawn:
+    """Simulate the recording with an effect of a given physical size."""
+    bare = sea.planted(world, {})
+    gamma, _, _ = sea.combined(world, [(part, size)])
+    gamma = gamma + world.rng.normal(0.0, 0.5, gamma.size)
+    upper = sea.turned(world.flow, sea.wrap(gamma - world.heading))
+    pairs = replace(bare.pairs, heading_deg=gamma % 360.0, upper_east=upper.real, upper_north=upper.imag)
+    return replace(bare, pairs=pairs, parts=[(part, size)])
+
+
 def _earth(place: tuple[float, float], time_s: float) -> tuple[float, float]:
-    _, horizontal, vertical = earth_field(*place, (time_s, time_s + sea.YEAR_H * HOUR_S)).at(np.array([time_s + 1e7]))
+    _, horizontal, vertical = earth_field(*place, (time_s, time_s + sea.YEAR_H * sea.HOUR_S)).at(
+        np.array([time_s + 1e7])
+    )
     return float(horizontal[0]), float(vertical[0])
 
 

@@ -92,34 +92,18 @@ def mooring(name: str, n: int, *, reference: bool = True) -> dict:
     columns = {"time": "time_utc", "depth": "depth_m", "east": "u_cm_s", "north": "v_cm_s", "scale": 0.01}
     deep = {"format": "table", "files": f"raw/{name}/deep.csv", "depth": 105, "columns": columns}
     top = {"format": "pd0", "files": f"raw/{name}/top.000", "depth": 100, "orientation": "up"}
-    said = {
-        "name": name,
-        "latitude": 65.3333,
-        "longitude": -32.955,
-        "water_depth": 894,
-        "start": "2007-09-04T00:00:00Z",
-        "end": (START + timedelta(hours=n)).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        "compromised": "top",
-        "reference": "deep",
-        "instruments": {"top": top, "deep": deep},
-    }
-    if not reference:
-        del said["reference"]
-    return said
+    end = (START + timedelta(hours=n)).strftime("%Y-%m-%dT%H:%M:%SZ")
+    said = {"name": name, "latitude": 65.3333, "longitude": -32.955, "water_depth": 894}
+    said |= {"start": "2007-09-04T00:00:00Z", "end": end, "compromised": "top"}
+    return said | ({"reference": "deep"} if reference else {}) | {"instruments": {"top": top, "deep": deep}}
 
 
 def _ensembles(seen: Pairs):
     for i in range(len(seen)):
         velocity = [round(1000 * seen.upper_east[i]), round(1000 * seen.upper_north[i]), 3, 2]
-        yield ensemble(
-            [velocity] * 4,
-            fixed={"up": True},
-            number=i + 1,
-            when=(START + timedelta(hours=i)).replace(tzinfo=None),
-            heading=round(100 * float(seen.heading_deg[i])) % 36000,
-            tilt1=300,
-            tilt2=-200,
-        )
+        when, heading = START.replace(tzinfo=None) + timedelta(hours=i), round(100 * float(seen.heading_deg[i])) % 36000
+        more = {"number": i + 1, "when": when, "heading": heading, "tilt1": 300, "tilt2": -200}
+        yield ensemble([velocity] * 4, fixed={"up": True}, **more)
 
 
 def _write_table(path: Path, seen: Pairs) -> None:

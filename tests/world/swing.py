@@ -7,6 +7,7 @@ the receiver filters the velocity over ground, and the compass, near iron, may l
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 
 from compasslib.angles import wrap360
 from compasslib.demo.compass import Iron, recorded_heading
@@ -75,14 +76,8 @@ def sail(rng: np.random.Generator, boat: Boat, declination_deg: float, start_s: 
     if boat.log_scale:
         logged = np.round(boat.log_scale * speed + red_noise(rng, n, memory=5.0, deviation=0.1), 1)
     time: Floats = start_s + np.arange(n, dtype=float)
-    return Passage(
-        time,
-        wrap360(np.rint(_read(rng, boat, heading))),
-        wrap360(np.rint(direction(ground))),
-        np.asarray(np.round(np.abs(ground), 1), dtype=float),
-        logged,
-        wrap360(heading),
-    )
+    reading, course = wrap360(np.rint(_read(rng, boat, heading))), wrap360(np.rint(direction(ground)))
+    return Passage(time, reading, course, np.round(np.abs(ground), 1), logged, wrap360(heading))
 
 
 def _plan(rng: np.random.Generator, boat: Boat) -> tuple[Floats, Floats]:
@@ -104,9 +99,8 @@ def _legs(rng: np.random.Generator, boat: Boat, n: int) -> tuple[Floats, Floats]
     for leg in rng.permutation(count) * (360.0 / count) + at:
         off = (leg - at + 180.0) % 360.0 - 180.0
         seconds = max(int(abs(off) / rng.uniform(1.5, 4.0)), 1)
-        headings.append(
-            np.append(np.linspace(at, at + off, seconds), np.full(stay - min(seconds, stay // 2), at + off))
-        )
+        turning, steady = np.linspace(at, at + off, seconds), np.full(stay - min(seconds, stay // 2), at + off)
+        headings.append(np.append(turning, steady))
         speeds.append(np.full(headings[-1].size, boat.speed_kn * (1.0 + boat.speeds_vary * rng.uniform(-0.4, 0.4))))
         at += off
     return np.concatenate(headings), _filtered(np.concatenate(speeds), 20.0).real
@@ -129,7 +123,6 @@ def _read(rng: np.random.Generator, boat: Boat, heading: Floats) -> Floats:
 
 def _filtered(x: Floats | Complexes, seconds: float) -> Complexes:
     """Apply a first-order low-pass filter with a time constant in seconds; 0: no filter."""
-    out, keep = np.array(x, dtype=complex), float(np.exp(-1.0 / seconds)) if seconds else 0.0
-    for k in range(1, out.size):
-        out[k] = keep * out[k - 1] + (1.0 - keep) * out[k]
-    return out
+    keep = float(np.exp(-1.0 / seconds)) if seconds else 0.0
+    filtered, _ = lfilter([1.0 - keep], [1.0, -keep], x, zi=[keep * x[0]])
+    return np.asarray(filtered, dtype=complex)
