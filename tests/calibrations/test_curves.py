@@ -25,9 +25,6 @@ def calibrated(read: BenchReadings, **keys):
     return platform.calibrate_readings(read, **keys)
 
 
-# --- the forms ------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("form", [SMITH, EXACT, POLYNOMIAL, ONE_CYCLE, EMPIRICAL], ids=lambda form: form.name)
 def test_gradient_of_every_form_matches_finite_differences(form):
     coefficients = np.append([0.02, 0.15, 0.1, 0.03, -0.02, 0.01, 0.02], np.full(6, 0.03))[: len(form.letters)]
@@ -96,9 +93,6 @@ def test_five_terms_leave_4_05_degrees_of_the_published_headings():
     assert made.sources[-1].standard_deg > 1.5 * 4.0  # Student's t with three degrees of freedom
 
 
-# --- uncertainty ----------------------------------------------------------------------------------------------------
-
-
 def test_student_widening_matches_the_gum():
     assert curves.student_widening(3) == pytest.approx(3.307 / 2.0, abs=1e-3)  # GUM, table G.2, p = 95.45 %
     assert curves.student_widening(1) == pytest.approx(13.97 / 2.0, abs=1e-2)
@@ -149,9 +143,6 @@ def test_constant_shift_is_reported_with_its_uncertainty():
     assert shift["differs_from_none"] and abs(shift["value_deg"] - SERIES[0]) < 3.0 * shift["sigma_deg"]
     unsure = calibrated(smith_bench(), sources=result.sources({"graduation_deg": 2.0})[0]).details["constant_shift"]
     assert not unsure["differs_from_none"] and "is not significant" in unsure["text"]
-
-
-# --- too few headings -----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

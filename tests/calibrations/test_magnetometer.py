@@ -46,9 +46,6 @@ def rng():
     return np.random.default_rng(11)
 
 
-# Real logs
-
-
 def harmonics_percent(modulus, heading_deg):
     """Fit the first and second harmonic of a modulus against the heading, percent of its mean."""
     k = np.linalg.lstsq(series_design(heading_deg), modulus)[0]
@@ -88,9 +85,6 @@ def test_an_accelerometer_is_recognised():
     for withhold in ([], ["pitch_deg"]):
         found = magnetometer.calibrate([real("magnetometer/signature500.csv")], settings | {"withhold": withhold})
         assert "this is gravity" in found.why and found.details["hard_iron"] is None
-
-
-# Known iron
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.8])
@@ -178,9 +172,6 @@ def test_scores_are_the_gradient_of_the_adjusted_loss(rng, model):
     assert score.sum(axis=0) == pytest.approx(np.array(numeric), rel=1e-6, abs=1e-4)
 
 
-# Axes and misalignment
-
-
 @pytest.mark.parametrize(
     ("to_file", "words"),
     [
@@ -229,9 +220,6 @@ def test_misalignment_is_undetermined_without_tilts_and_heading(tmp_path, rng):
     assert found.details["undetermined"] == turns
 
 
-# The heading
-
-
 def test_exact_coefficients_and_series_agree_with_the_known_compass():
     true = iron.Iron(np.diag([1.02, 0.98, 1.0]), np.array([12.0, -8.0, 0.0]), 60.0)
     matrix = np.linalg.inv(true.soft)
@@ -253,9 +241,6 @@ def test_iron_stronger_than_the_earth_gives_no_table(tmp_path, rng):
     assert "two correct headings" in found.why and found.table is None
     assert np.hypot(*found.exact[1:3]) == pytest.approx(1.6, abs=0.01)
     assert found.details["hard_iron"][0] == pytest.approx(400.0, abs=2.0)
-
-
-# Refusals
 
 
 def turning(n: int = 400, radius: float = 200.0) -> np.ndarray:
@@ -323,9 +308,6 @@ def test_invalid_files_are_refused_in_one_line(tmp_path):
         magnetometer.calibrate([path], {})
     with pytest.raises(InputError, match=r"column 'mx' \(x\): expected one of the file's columns, found x, y; correct"):
         magnetometer.calibrate([path], {"columns": {"x": "mx"}})
-
-
-# The figure
 
 
 @pytest.mark.parametrize("kind", ["sphere", "level", "flat", "refused"])

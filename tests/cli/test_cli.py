@@ -58,9 +58,6 @@ def copied(runs, tmp_path) -> Path:
     return tmp_path / "results/M1"
 
 
-# --- help ------------------------------------------------------------------------------------------------------------
-
-
 def test_help_lists_commands_without_heavy_imports():
     code = (
         "import sys\nfrom compasslib.cli import main\n"
@@ -89,9 +86,6 @@ def test_invalid_command_line_exits_with_status_2(capsys, words):
     with pytest.raises(SystemExit) as ended:
         main(words)
     assert ended.value.code == 2 and "usage: compass" in capsys.readouterr().err
-
-
-# --- check -----------------------------------------------------------------------------------------------------------
 
 
 def test_check_summarizes_each_mooring(tmp_path, capsys):
@@ -193,9 +187,6 @@ def test_check_outside_a_cruise_is_refused(tmp_path, capsys):
         assert "config/config.yaml: expected this file" in refused(capsys, "check", str(place))
 
 
-# --- correct ---------------------------------------------------------------------------------------------------------
-
-
 def test_correct_writes_outside_the_workflow_results(tmp_path, capsys):
     folder = cruise(tmp_path / "c", n=60)
     assert main(["correct", "M1", "--cruise", str(folder)]) == 0
@@ -213,9 +204,6 @@ def test_correct_refuses_an_unknown_mooring(tmp_path, capsys):
     folder = cruise(tmp_path / "c", n=5)
     assert "M2: expected a mooring of" in refused(capsys, "correct", "M2", "--cruise", str(folder))
     assert not (folder / "corrected").exists()
-
-
-# --- explain ---------------------------------------------------------------------------------------------------------
 
 
 def test_explain_prints_verdict_uncertainty_and_limits(runs, capsys):
@@ -315,9 +303,6 @@ def test_warnings_of_unconfigured_instruments_are_omitted(runs, copied):
     assert "top: pitch and roll never change" in told and "upper: " not in told
     assert told == summary.summary_row("M1", runs / "old/M1")["warnings"]
     assert told != summary.summary_row("M1", copied)["warnings"]
-
-
-# --- diff ------------------------------------------------------------------------------------------------------------
 
 
 def test_diff_reports_the_effects_of_another_declination(runs, capsys):

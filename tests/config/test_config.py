@@ -128,9 +128,6 @@ def with_line(line: str) -> str:
     return old[:place] + line + old[old.index("\n", place) :]
 
 
-# --- valid input ----------------------------------------------------------------------------------------------------
-
-
 def test_example_configuration_is_read(cruise: Path) -> None:
     loaded = config.load_cruise(cruise)
     mooring = loaded.moorings["EG4"]

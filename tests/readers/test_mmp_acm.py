@@ -127,9 +127,6 @@ def accounted(record: Record) -> int:
     return sum(record.counts[key] for key in ("scans", "aliased_dropped", "damaged_rows", "without_time"))
 
 
-# Real files ----------------------------------------------------------------------------------------------------------
-
-
 def test_real_ascii_and_binary_files_agree():
     text, binary = read(real(TEXT)), read(real(BINARY))
     for record in (text, binary):
@@ -177,9 +174,6 @@ def test_removing_the_swing_reduces_variance_in_a_real_record():
     assert after < 0.93 * before
 
 
-# Geometry ------------------------------------------------------------------------------------------------------------
-
-
 def test_path_to_earth_transformation_reproduces_known_solutions():
     cases = json.loads(real("vectors.json").read_text())["acm_paths_to_earth"]
     assert len(cases) == 12
@@ -225,9 +219,6 @@ def test_swing_rate_is_zero_across_gaps_and_at_low_rates():
     assert not acm.swing_rate(heading, np.full(6, 0.4), joined).any()
     assert not acm.swing_rate(heading, np.ones(6), np.zeros(5, dtype=bool)).any()
     assert acm.swing_rate(heading[:1], np.ones(1), np.zeros(0, dtype=bool)).tolist() == [0.0]
-
-
-# Simulated files -----------------------------------------------------------------------------------------------------
 
 
 def test_profiles_in_one_or_many_files_are_read_identically(tmp_path):
@@ -278,9 +269,6 @@ def test_decimated_file_keeps_its_swing(tmp_path):
     east, north = acm.to_earth(*acm.instrument_axes(paths), record.heading_deg)
     # The difference is rounding to two decimals of cm/s; a swing would change velocities by centimetres per second.
     assert np.hypot(record.east[:, 0] - east, record.north[:, 0] - north).max() < 2e-4
-
-
-# Scans without a clock -----------------------------------------------------------------------------------------------
 
 
 def test_times_of_unclocked_real_scans_are_reconstructed(tmp_path):
@@ -370,9 +358,6 @@ def test_scans_without_any_time_information_are_refused(tmp_path):
     assert refused(lambda: read(*files)).endswith(found)
 
 
-# Pressure ------------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("comma", [False, True])
 @pytest.mark.parametrize("header", [False, True])
 def test_engineering_files_are_read_in_four_variants(tmp_path, comma, header):
@@ -456,9 +441,6 @@ def test_ctd_file_without_times_is_refused(tmp_path):
     path = written(tmp_path, "C0000007.TXT", ctd(7, 0, 0, [1.0, 2.0, 3.0], times=False))
     with pytest.raises(InputError, match=r"unpack with header lines, or give the engineering \(E\) files"):
         acm.read_companions([path])
-
-
-# Damaged files -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("form", ["text", "binary"])
@@ -607,9 +589,6 @@ def test_dead_compass_gives_no_heading_and_no_current(tmp_path):
     assert set(record.heading_quality) == {MISSING}
     assert set(record.quality.ravel()) == {MISSING}
     assert np.isnan(record.heading_deg).all()
-
-
-# The simulated mooring -----------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

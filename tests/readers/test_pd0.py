@@ -76,9 +76,6 @@ def framed(path: Path, window: int = files.CHUNK_BYTES) -> tuple[list[int], list
     return starts, skipped
 
 
-# -------------------------------------------------------------------------------------------- known solutions
-
-
 def test_file_in_beam_coordinates_reproduces_known_solutions(tmp_path: Path) -> None:
     for i, case in enumerate(json.loads(real("vectors.json").read_text())["pd0_beam_to_earth"]):
         beams = [round(1000 * b) for b in case["beams"]]
@@ -149,9 +146,6 @@ def test_true_pitch_from_recorded_tilts() -> None:
     np.testing.assert_allclose(
         currents.true_pitch([10.0, -20.0, 5.0], [0.0, 60.0, 180.0]), [10.0, -10.3141, -5.0], atol=1e-4
     )
-
-
-# ------------------------------------------------------------------------------------------------- real files
 
 
 @pytest.mark.parametrize(("name", "count"), GOOD_ENSEMBLES.items())
@@ -225,9 +219,6 @@ def test_mhkit_decodes_the_same_values(name: str, tmp_path: Path) -> None:
     for key, value in pairs.items():
         np.testing.assert_allclose(theirs[key].values, value[:count], rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(theirs.vel.values.transpose(2, 1, 0), ours.velocity[:count], rtol=1e-6, atol=1e-7)
-
-
-# --------------------------------------------------------------------------------------------- damaged files
 
 
 def test_truncation_at_any_byte_loses_one_ensemble(tmp_path: Path) -> None:
@@ -331,9 +322,6 @@ def test_ensembles_without_velocity_are_counted_and_dropped(tmp_path: Path) -> N
     assert "found 2 ensembles without velocities" in refused(written(tmp_path, bare, bare))
 
 
-# -------------------------------------------------------------------------------------- files without ensembles
-
-
 @pytest.mark.parametrize(
     ("content", "found"),
     [(b"", "an empty file"), (b"date,heading\n2007-09-04,12\n", "a file that begins with b'date,heading\\n200'")],
@@ -350,9 +338,6 @@ def test_directory_missing_file_and_no_file_are_refused(tmp_path: Path) -> None:
     assert "expected a readable file, found Is a directory; check" in refused(tmp_path)
     assert "none.000: expected a readable file, found No such file" in refused(tmp_path / "none.000")
     assert "expected at least one PD0 file" in refused()
-
-
-# --------------------------------------------------------------------------------------------------- fields
 
 
 def test_every_field_is_decoded_as_encoded(tmp_path: Path) -> None:
@@ -528,9 +513,6 @@ def test_timestamps_at_the_start_of_long_averages_are_reported(
         f"clock_offset_seconds: -{half} moves it there."
     )
     assert read(written(tmp_path, *series(30, fixed=fixed))).warnings == (said,) * (half > 0)
-
-
-# ------------------------------------------------------------------------------- configurations and coordinates
 
 
 def test_two_configurations_in_one_file_are_read(tmp_path: Path) -> None:
