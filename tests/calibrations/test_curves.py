@@ -184,20 +184,9 @@ def test_two_thirds_of_a_circle_determine_five_terms():
     assert gap > 2.0 * middle
 
 
-def test_eight_headings_give_a_warning_and_sixteen_do_not():
-    eight, sixteen = calibrated(readings(ring(8))), calibrated(readings(ring(16)))
-    assert any("8 headings leave 3 degrees of freedom" in text for text in eight.warnings)
-    assert sixteen.warnings == ()
-
-
 def test_folded_compass_has_exact_coefficients_and_no_table():
     made = calibrated(readings(ring(24), FOLDED))
     assert made.model == "exact" and np.allclose(made.exact, FOLDED, atol=0.02)
     assert not made.coefficients.size and np.isnan(made.table.deviation_deg).all()
     assert any(text.startswith("the compass cannot turn full circle: it shows 16") for text in made.warnings)
     assert made.details["models"]["one_cycle"]["why"].startswith("it misses the readings by 3")
-
-
-def test_coverage_counts_occupied_sectors():
-    assert curves.count_sectors([]) == 0 and curves.count_sectors(ring()) == 36
-    assert curves.count_sectors([359.9, 0.0, 5.0, 9.9]) == 2

@@ -301,15 +301,6 @@ def test_withheld_columns_are_not_used(tmp_path, rng):
         magnetometer.calibrate([path], {"withhold": ["x"]})
 
 
-def test_invalid_files_are_refused_in_one_line(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text("x,y\n1,2\n3,four\n")
-    with pytest.raises(InputError, match=r"line 3, y: expected a number or nothing, found 'four'; mend"):
-        magnetometer.calibrate([path], {})
-    with pytest.raises(InputError, match=r"column 'mx' \(x\): expected one of the file's columns, found x, y; correct"):
-        magnetometer.calibrate([path], {"columns": {"x": "mx"}})
-
-
 @pytest.mark.parametrize("kind", ["sphere", "level", "flat", "refused"])
 def test_figure_is_reproducible(tmp_path, rng, kind):
     true = iron.some(rng)

@@ -201,12 +201,6 @@ def test_calibration_files_round_trip(tmp_path):
     assert head == "recorded_deg,deviation_deg,standard_uncertainty_deg" and rows[0][:2] == "0," and len(rows) == 24
 
 
-def test_damaged_table_is_reported_in_one_line(tmp_path):
-    (tmp_path / "table.csv").write_text("recorded_deg\nx\n")
-    with pytest.raises(InputError, match="expected a table that this program wrote"):
-        calibration_files.read_table(tmp_path / "table.csv")
-
-
 def turned(degrees: float):
     """Return the coefficients of the iron of a battery pack rotated in its place."""
     p = (0.15 - 0.1j) * angles.phasor(degrees)
@@ -404,8 +398,7 @@ def test_calibration_budget_enters_the_uncertainty_of_the_mooring(tmp_path):
     assert wide.covariance[0, 0] > 10.0 * narrow.covariance[0, 0]
 
 
-@pytest.mark.parametrize("constant", [0.0, 7.0, 72.0])
-@pytest.mark.parametrize("n", [8, 12, 16, 36, 72])
+@pytest.mark.parametrize(("n", "constant"), [(8, 0.0), (8, 7.0), (36, 0.0), (72, 72.0)])
 def test_headings_without_residual_raise_no_error(tmp_path, n, constant):
     path = write_table(tmp_path / "cal.csv", BenchReadings(ring(n), (ring(n) + constant) % 360.0))
     made = calibrations.calibrate("platform", [path], {})

@@ -220,34 +220,21 @@ def test_explain_prints_verdict_uncertainty_and_limits(runs, capsys):
 
 def test_explain_prints_findings_and_warnings(copied, capsys):
     finding = {
-        "effect": "heeling",
-        "side": "compass",
-        "alternatives": ["stuck_tilt"],
+        "effect": "heeling", "side": "compass", "alternatives": ["stuck_tilt"], "rms_effect_deg": 3.1,
         "where": {"covariate": "pitch", "from": 4.0, "to": 11.0, "text": "pitch 4 to 11 degrees"},
         "when": {"from": "2007-11-02T00:00:00Z", "to": "2008-10-04T00:00:00Z"},
         "parameters": {"b_z_nT": {"value": 2100.0, "sigma": 140.0, "unit": "nT"}},
-        "rms_effect_deg": 3.1,
         "heldout": {"rms_before_deg": 11.9, "rms_after_deg": 11.3, "p_value": 0.001},
-        "applied": False,
-        "text": "The compass tilts over iron.",
-    }
+        "applied": False, "text": "The compass tilts over iron.",
+    }  # fmt: skip
     rewrite(copied / "diagnosis.json", verdict="ambiguous", findings=[finding], separated_by="a swing at a tilt")
     rewrite(copied / "deviation.json", warnings=["few pairs in spring"])
     assert main(["explain", "M1", "--cruise", str(copied.parents[1])]) == 0
-    told = capsys.readouterr().out
-    for said in (
-        "M1: ambiguous",
-        "Finding: Heeling",
-        "Alternatives: the tilt sensors are stuck, and the compass is compensated with their last values",
-        "Acts on: compass",
-        "few pairs in spring",
-        "  ambiguous: Verdict: a further error is established",
-    ):
-        assert said in told, said
-    assert "field down: 2100\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}140\N{NO-BREAK SPACE}nT" in told
-    assert "Decisive observation: A swing at a tilt." in told
+    told = capsys.readouterr().out.replace("\N{NO-BREAK SPACE}", " ")
+    words = ("M1: ambiguous", "Finding: Heeling", "Alternatives: the tilt sensors are stuck", "Acts on: compass",
+             "few pairs in spring", "field down: 2100 ± 140 nT", "Decisive observation: A swing at a tilt")  # fmt: skip
+    assert [said for said in words if said not in told] == [] and "Figure: " not in told
     figure = copied / "figures/diagnosis.png"
-    assert "Figure: " not in told
     figure.parent.mkdir()
     figure.touch()
     assert main(["explain", "M1", "--cruise", str(copied.parents[1])]) == 0
