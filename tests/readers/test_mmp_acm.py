@@ -22,7 +22,6 @@ TEXT, BINARY = "acm/mmp_global_A0000001.TXT", "acm/mmp_global_A0000001.DAT"
 METER = profiler.Acm(1405, "ML1405-01D", 65.27, -32.88, rate_hz=2.0)
 ON_S, PROFILE_S = 1189000000, 43200
 HEAD, ROW = 279, 47
-FEW = settings(max_examples=150, deadline=None, derandomize=True)
 
 
 def read(*paths: Path, pressure: tuple[Path, ...] = (), offset: float = 0.0) -> Record:
@@ -427,22 +426,6 @@ def test_ctd_file_without_times_is_refused(tmp_path):
         acm.read_companions([path])
 
 
-@pytest.mark.parametrize("form", ["text", "binary"])
-def test_truncated_file_loses_only_its_end(tmp_path, form):
-    whole = (text_file if form == "text" else binary_file)(tmp_path, logged((12, 12)))
-    data, truth = whole.read_bytes(), rows_of(read(whole))
-    rng = np.random.default_rng(5)
-    previous = -1
-    for length in sorted(rng.integers(700, len(data), 120).tolist()):
-        record = read(written(tmp_path, "cut", data[:length]))
-        assert rows_of(record) <= truth
-        assert record.counts["damaged_rows"] <= 1
-        assert accounted(record) <= 24
-        assert len(record.time_s) >= previous
-        previous = len(record.time_s)
-    assert previous >= 21
-
-
 @pytest.mark.parametrize("filler", [b"\0", b"\xff"])
 def test_truncated_scan_with_filler_is_dropped(tmp_path, filler):
     """Cut a record at each byte and fill up the record, five more bytes, or a disk block."""
@@ -465,42 +448,15 @@ def test_truncated_last_number_is_not_used(tmp_path, keep):
     assert (record.counts["scans"], record.counts["damaged_rows"]) == (28, 1)
 
 
-@pytest.fixture(scope="module")
-def sound(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("sound")
-    scans = logged((30, 30, 30))
-    files = {"text": text_file(folder, scans), "binary": binary_file(folder, scans)}
-    return folder, {form: (path.read_bytes(), read(path)) for form, path in files.items()}
-
-
-def foreign(record: Record, truth: Record) -> int:
-    """Count scans that do not occur in the sound file."""
-    return len(rows_of(record) - rows_of(truth))
-
-
-@FEW
-@given(at=st.floats(0, 1, exclude_max=True), octet=st.integers(0, 255), form=st.sampled_from(["text", "binary"]))
-def test_flipped_byte_affects_at_most_one_scan(sound, at, octet, form):
-    folder, files = sound
-    data, truth = files[form]
-    flipped = bytearray(data)
-    flipped[int(at * len(data))] = octet
-    record = read(written(folder, "flipped", bytes(flipped)))
-    assert foreign(record, truth) <= 1
-    assert len(record.time_s) >= 84
-    # Two rows without a line break between them count as one damaged row.
-    assert 89 <= accounted(record) <= 91
-
-
-def test_profile_with_damaged_header_is_recovered(sound):
-    folder, files = sound
-    data, truth = files["binary"]
+def test_profile_with_damaged_header_is_recovered(tmp_path):
+    whole = binary_file(tmp_path, logged((30, 30, 30)))
+    data, truth = whole.read_bytes(), read(whole)
     block = 4 + HEAD + 30 * ROW + 8
     for front in (0, block, 2 * block):
         for at, octets in ((0, b"\xff\xff\xff\xff"), (2, b"\x01"), (4 + HEAD - 4, b"data"), (4 + 20, b"?" * 30)):
             damaged = bytearray(data)
             damaged[front + at : front + at + len(octets)] = octets
-            record = read(written(folder, "header", bytes(damaged)))
+            record = read(written(tmp_path, "header", bytes(damaged)))
             assert rows_of(record) == rows_of(truth), (front, at)
             assert record.counts["profiles"] == 3
 
@@ -524,7 +480,7 @@ def test_malformed_row_is_dropped(tmp_path, old, new):
     lines[row] = lines[row].replace(old, new, 1)
     record = read(written(tmp_path, "bad.txt", "\n".join(lines)))
     assert (record.counts["scans"], record.counts["damaged_rows"]) == (28, 1)
-    assert foreign(record, read(tmp_path / "acm.txt")) == 0
+    assert rows_of(record) <= rows_of(read(tmp_path / "acm.txt"))
 
 
 def test_numbers_with_varying_decimals_are_accepted(tmp_path):

@@ -219,23 +219,6 @@ def test_truncation_at_any_byte_loses_one_ensemble(tmp_path: Path) -> None:
         assert skipped == [frames.Skipped(2 * len(parts[0]), cut, reason, 0)]
 
 
-@given(place=st.integers(0, 6 * len(ensemble(PROFILE)) - 1), flip=st.integers(1, 255))
-@settings(derandomize=True, max_examples=120, deadline=None)
-def test_flipped_byte_loses_one_ensemble(place: int, flip: int, tmp_path_factory: pytest.TempPathFactory) -> None:
-    parts = series(6)
-    data = bytearray(b"".join(parts))
-    data[place] ^= flip
-    path = written(tmp_path_factory.mktemp("flip"), bytes(data))
-    starts, skipped = framed(path)
-    hit, size = place // len(parts[0]), len(parts[0])
-    assert starts == [size * i for i in range(6) if i != hit]
-    assert [(each.offset, each.length) for each in skipped] == [(hit * size, size)]
-    left = pd0.decode(path)
-    np.testing.assert_array_equal(left.velocity, velocity_of(5))
-    record = read(path)
-    assert record.counts["lost"] == (1 if 0 < hit < 5 else 0)
-
-
 def velocity_of(count: int) -> NDArray[np.float64]:
     """Get the profile in m/s, repeated ``count`` times: (count, 3, 4)."""
     rows = np.where(np.array(PROFILE) == MISSING, np.nan, np.array(PROFILE) / 1000.0)
