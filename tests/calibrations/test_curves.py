@@ -153,12 +153,14 @@ def test_constant_shift_is_reported_with_its_uncertainty():
         ([30.0, 30.0, 30.0], "one heading only: the deviation there is +"),
         ([0.0, 120.0, 240.0], "3 headings in 3 of 36 sectors determine no curve (five terms: 5 coefficients need at"),
         (np.arange(0.0, 60.0, 5.0), "12 headings in 6 of 36 sectors determine no curve (five terms: the headings do"),
+        # One cycle would absorb the quadrantal deviation: B = 11.3 ± 0.6 degrees instead of 8.6.
+        (np.arange(0.0, 180.0, 10.0), "would look like one cycle"),
     ],
-    ids=["none", "one", "one repeated", "three", "a sixth of the circle"],
+    ids=["none", "one", "one repeated", "three", "a sixth of the circle", "half"],
 )
 def test_too_few_headings_are_refused_with_the_reason(settings, why):
     made = calibrated(readings(settings))
-    assert made.why.startswith(why) and made.model == "none"
+    assert why in made.why and made.model == "none"
     assert not made.coefficients.size and not made.exact.size and made.table is None
     assert set(made.points) == {"reference_deg", "recorded_deg", "deviation_deg"}
 
@@ -169,12 +171,6 @@ def test_four_headings_determine_only_one_cycle():
     assert np.isnan(made.coefficients[3:]).all() and np.isnan(made.covariance[3:]).all() and not made.exact.size
     assert any("reduced to one cycle" in text and "D and E stay unknown" in text for text in made.warnings)
     assert made.sources[-1].how.startswith("scatter about the curve, 1 degrees of freedom")
-
-
-def test_half_a_circle_of_headings_is_refused():
-    """A one-cycle fit would absorb the quadrantal deviation: B = 11.3 ± 0.6 degrees instead of 8.6."""
-    made = calibrated(readings(np.arange(0.0, 180.0, 10.0)))
-    assert made.model == "none" and "would look like one cycle" in made.why
 
 
 def test_two_thirds_of_a_circle_determine_five_terms():
