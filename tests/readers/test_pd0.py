@@ -103,6 +103,11 @@ def test_three_beam_solution_is_exact_for_zero_error_velocity(beams: list[float]
         np.testing.assert_allclose(a, b, atol=1e-12)
 
 
+def test_two_missing_beams_are_not_filled() -> None:
+    beams, where = currents.fill_missing_beam(np.array([[np.nan, np.nan, 1.0, 2.0], [1.0, 2.0, np.nan, 4.0]]))
+    assert where.tolist() == [False, True] and np.isnan(beams[0, :2]).all()
+
+
 @pytest.mark.parametrize("up", [True, False])
 def test_bin_mapping_removes_tilt_from_linear_shear(up: bool, tmp_path: Path) -> None:
     """A current linear in depth is recovered despite the tilt, except in bins that the beams do not reach."""
