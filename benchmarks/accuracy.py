@@ -6,7 +6,7 @@
 
 Copies of the cruise are run by ``exact`` and by ``von_appen``, without the search. ``by eye`` is the published series
 about the mean deviation, inverted where most pairs lie. Without a truth file, the recorded headings of a mooring are
-taken as the truth.
+taken as the truth. Currents on fixed depths are those of benchmarks/gridding.py.
 """
 
 import argparse
@@ -24,8 +24,7 @@ import targets
 import yaml
 from runs import PROJECT, cost, snakemake
 
-from compasslib.angles import difference, rms, turn
-from compasslib.archive.gridded import open_gridded
+from compasslib.angles import difference, rms
 from compasslib.archive.netcdf import read_pairs
 from compasslib.deviation.model import observed_heading
 from compasslib.deviation.series import fit_series_about_mean, invert_series
@@ -34,7 +33,6 @@ from compasslib.preparation.references import combine_references
 METHODS = ("exact", "von_appen")
 BY_EYE = "by eye"
 HEADINGS = ("mooring", "recorded", "product", "stated 1σ, rms", "within 95 %", "`exact` alone", "`von_appen`", BY_EYE)
-CURRENTS = ("mooring", "cells", "rms of U and V, gridded", "a corrected mean per bin", "U, V within 95 %")
 
 
 def run(source: Path, folder: Path, method: str) -> None:
@@ -97,37 +95,6 @@ def headings(source: Path, name: str, methods: list[Path]) -> list[str]:
     return [name, f"{rms(before):.1f}°", told(after), f"{rms(sigma):.2f}°", f"{within:.0f} %", *alone]
 
 
-def currents(source: Path, name: str) -> list[str]:
-    """Compare gridded.nc, as far as from the affected instrument, with its cells rotated by the true heading."""
-    folder = source / "results" / name
-    with netCDF4.Dataset(folder / "corrected.nc") as nc:
-        read = lambda name: np.ma.filled(nc[name][:].astype(float), np.nan)  # noqa: E731
-        time_s, depth_m, recorded = np.rint((read("TIME") - 7305.0) * 86400.0), read("DEPTH"), read("HEADING")
-        good = read("UCUR_QC") <= 2
-        corrected = np.where(good, read("UCUR") + 1j * read("VCUR"), np.nan)
-        deviation_deg = difference(truth(source, name, time_s, recorded), recorded)
-        east, north = turn(read("UCUR_RECORDED"), read("VCUR_RECORDED"), deviation_deg[:, None])
-    grid = open_gridded(folder)
-    cells = np.where(good, east + 1j * north, np.nan)
-    known, by_bin = np.full((2, len(grid.time_s), len(grid.depth_m)), np.nan + 0j)
-    nearest = np.argmin(np.abs(np.nanmedian(depth_m, axis=0)[:, None] - grid.depth_m), axis=0)
-    at = np.rint((time_s - grid.time_s[0]) / np.median(np.diff(grid.time_s))).astype(int)
-    for row, sample in zip(at, range(len(at)), strict=True):
-        usable = np.flatnonzero(np.isfinite(cells[sample]) & np.isfinite(depth_m[sample]))
-        if 0 <= row < len(known) and len(usable) > 1:
-            usable = usable[np.argsort(depth_m[sample, usable])]
-            apart = {"left": np.nan, "right": np.nan}
-            known[row] = np.interp(grid.depth_m, depth_m[sample, usable], cells[sample, usable], **apart)
-            by_bin[row] = corrected[sample, nearest]
-    own = (grid.source == grid.source[np.isfinite(known)].min(initial=0)) & np.isfinite(known) & (grid.quality <= 2)
-    off = (grid.velocity - known)[own]
-    inside = [np.abs(x) < 1.96 * s[own] for x, s in ((off.real, grid.east_sigma), (off.imag, grid.north_sigma))]
-    both = own & np.isfinite(by_bin)
-    sizes = [100.0 * np.sqrt(np.mean(np.abs(x) ** 2) / 2.0) for x in (off, (by_bin - known)[both])]
-    within = ", ".join(f"{100 * np.mean(one):.0f} %" for one in inside)
-    return [name, str(own.sum()), *(f"{size:.2f} cm/s" for size in sizes), within]
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("cruise", nargs="?", type=Path, default=PROJECT)
@@ -143,9 +110,6 @@ def main() -> None:
         targets.head(*HEADINGS)
         for name in names:
             targets.line(*headings(asked.cruise, name, folders))
-    targets.head(*CURRENTS)
-    for name in names:
-        targets.line(*currents(asked.cruise, name))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Gridded product compared with the true currents at fixed depths: errors, coverage, gaps and cost.
+"""Gridded product compared with the true currents at fixed depths: errors and coverage.
 
     python benchmarks/gridding.py [MOORINGS_A_KIND] [SEED]
 
@@ -6,11 +6,9 @@ Moorings in plain and structured water, with a diving sphere, with a profiler as
 Each has a random error of the reference's compass (2 degrees) and of the declination. Intervals are over moorings.
 """
 
-import functools
 import json
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Sequence
 from contextlib import chdir
 from dataclasses import replace
@@ -30,7 +28,6 @@ from compasslib.demo.sealed import Effect, Ground, Wish
 from compasslib.deviation.reference import declination_sigma
 from compasslib.earthfield import field_from_json
 from compasslib.pipeline import process
-from compasslib.stages import correct as stage
 from tests.world import draw
 
 KINDS = ("plain", "structured", "diving", "profiler", "two-valued")
@@ -122,22 +119,10 @@ def measure(kind: str, seed: int, folder: Path) -> dict[str, float]:
     """Process a mooring and compare its product with the truth."""
     ground = ground_of(kind, seed)
     write(kind, ground, folder)
-    results, spent = folder / "results/M", []
-    make = stage.grid
-
-    @functools.wraps(make)  # the stage is called with arguments by its signature
-    def timed(*args: object, **named: object) -> None:
-        begin = time.process_time()
-        make(*args, **named)  # type: ignore[arg-type]
-        spent.append(time.process_time() - begin)
-
-    stage.grid = timed  # type: ignore[assignment]
-    try:
-        with chdir(folder):
-            results.mkdir(parents=True)
-            process.process(config.load_cruise(Path()), "M", results.absolute())
-    finally:
-        stage.grid = make
+    results = folder / "results/M"
+    with chdir(folder):
+        results.mkdir(parents=True)
+        process.process(config.load_cruise(Path()), "M", results.absolute())
     field = field_from_json(yaml.safe_load((results / "work/field.json").read_text()))
     turn = np.random.default_rng(seed + 2).normal(0.0, np.deg2rad(declination_sigma(field)))
     with netCDF4.Dataset(results / "gridded.nc") as nc:
@@ -148,7 +133,7 @@ def measure(kind: str, seed: int, folder: Path) -> dict[str, float]:
     with netCDF4.Dataset(results / "gridded_daily.nc") as nc:
         daily = Grid(nc, g.of_days)
         found |= {f"daily {name}": value for name, value in daily.compare().items() if name.startswith("cover")}
-    return found | {"cpu_s_a_year": spent[0] * 8766.0 / HOURS, "dive_m": float(ground.motion.sphere_depth_m.std())}
+    return found
 
 
 class Grid:
@@ -183,28 +168,17 @@ class Grid:
 
 
 def beside_bins(nc: netCDF4.Dataset, g: Grid) -> dict[str, float]:
-    """Compare with a mean per bin, and filled cells with those that usable bins and the default gaps allow."""
+    """Compare the errors of cells from the affected instrument with those of a mean per bin."""
     read = lambda name: np.ma.filled(nc[name][:].astype(float), np.nan)  # noqa: E731
-    flow, depth, quality = read("UCUR") + 1j * read("VCUR"), read("DEPTH"), read("UCUR_QC")
-    usable = np.isfinite(flow) & (quality <= 2)
+    flow, middle = read("UCUR") + 1j * read("VCUR"), np.nanmedian(read("DEPTH"), axis=0)
+    flow = np.where(read("UCUR_QC") <= 2, flow, np.nan)
     row = np.rint((np.round((read("TIME") - 7305.0) * DAY_S) - g.time_s[0]) / 3600.0).astype(int)
-    middle = np.nanmedian(depth, axis=0)
-    naive, first, last = (np.full((len(g.time_s), n), np.nan + 0j) for n in (len(g.depth_m), 1, 1))
     nearest = np.argmin(np.abs(middle[:, None] - g.depth_m), axis=0)
-    close = np.abs(middle[nearest] - g.depth_m) <= CELL_M / 2.0
-    naive[row] = np.where(close, np.where(usable, flow, np.nan)[:, nearest], np.nan)
-    first[row, 0] = np.where(usable, depth, np.inf).min(axis=1)
-    last[row, 0] = np.where(usable, depth, -np.inf).max(axis=1)
-    within = (g.depth_m >= first.real) & (g.depth_m <= last.real)
-    times = np.arange(len(within))[:, None]
-    before = np.maximum.accumulate(np.where(within, times, -99), axis=0)
-    after = np.minimum.accumulate(np.where(within, times, 9**9)[::-1], axis=0)[::-1]
-    allowed, own = within | (after - before <= 3), g.source == 1
-    made_up = own & ~((g.depth_m >= first.real - CELL_M / 2) & (g.depth_m <= last.real + CELL_M / 2)) & (g.quality != 8)
-    both = own & np.isfinite(naive)
+    naive = np.full((len(g.time_s), len(g.depth_m)), np.nan + 0j)
+    naive[row] = np.where(np.abs(middle[nearest] - g.depth_m) <= CELL_M / 2.0, flow[:, nearest], np.nan)
+    both = (g.source == 1) & np.isfinite(naive)
     rms = [np.sqrt(np.mean(np.abs((x - g.truth)[both]) ** 2) / 2.0) for x in (g.flow, naive)]
-    filled = np.mean((g.source > 0)[allowed])
-    return {"over a mean per bin": rms[0] / rms[1], "filled": filled, "made up": float(made_up.sum())}
+    return {"over a mean per bin": rms[0] / rms[1]}
 
 
 def report(count: int, seed: int) -> None:
@@ -218,8 +192,7 @@ def report(count: int, seed: int) -> None:
             rounded = {name: round(value, 4) for name, value in made.items()}
             print(json.dumps({"kind": kind} | rounded), file=sys.stderr, flush=True)
     targets.head("moorings", "n", "rms of U and V, cm/s", "over a mean per bin", "U, V within 95 %",
-                 "daily U, V within 95 %", "mean transport within 95 %", "filled within the gaps", "made up",
-                 "CPU s a year")  # fmt: skip
+                 "daily U, V within 95 %", "mean transport within 95 %")  # fmt: skip
     rows["all"] = [row for each in rows.values() for row in each]
     for kind, each in rows.items():
         inside = int(sum(row["cover section"] for row in each))
@@ -227,8 +200,7 @@ def report(count: int, seed: int) -> None:
             kind, len(each), mean(each, "rms_cm_s"), mean(each, "over a mean per bin"),
             f"{mean(each, 'cover u', 100.0)}, {mean(each, 'cover v', 100.0)} %",
             f"{mean(each, 'daily cover u', 100.0)}, {mean(each, 'daily cover v', 100.0)} %",
-            targets.text_of(inside, len(each)), f"{100.0 * np.mean([row['filled'] for row in each]):.1f} %",
-            f"{sum(row['made up'] for row in each):.0f}", mean(each, "cpu_s_a_year"),
+            targets.text_of(inside, len(each)),
         )  # fmt: skip
 
 

@@ -16,9 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from PIL import Image
-
-PROJECT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(PROJECT))
+from runs import PROJECT, cost, snakemake
 
 DOCS = PROJECT / "docs"
 
@@ -107,9 +105,8 @@ def run(cruise: str, folder: Path) -> Path:
             shutil.copytree(source / name, folder / name)
     if (source / "make.py").exists():
         subprocess.run([sys.executable, source / "make.py", folder], check=True)
-    snakemake = [sys.executable, "-P", "-m", "snakemake", "--workflow-profile", PROJECT / "workflow/profiles/default"]
-    snakemake += ["--snakefile", PROJECT / "Snakefile", "--directory", folder, "--cores", "all"]
-    subprocess.run(snakemake, check=True, env=os.environ | {"PYTHONPATH": str(PROJECT), "OMP_NUM_THREADS": "1"})
+    profile = ("--workflow-profile", PROJECT / "workflow/profiles/default")
+    cost(snakemake(folder, *profile, cores=os.cpu_count()), date=None)
     return folder
 
 

@@ -8,19 +8,20 @@ A cause has the signal-to-noise ratio z if the likelihood ratio of a tool that k
 simulated water by the processes that were simulated, in real water by the spectrum of the difference of the currents,
 where z of slow causes is an upper limit (compasslib.demo.concealed.signal_to_noise). Sizes are given as z over the z
 that such a test of two unknown parameters detects in 90 % of moorings at p <= 0.01. The published method fits one
-deviation and tests nothing else: it detects none. Moorings in real water are those of benchmarks/injected.py; without
-../shared/data they are left out.
+deviation and tests nothing else: it detects none. Real water is that of benchmarks/real.py, and needs ../shared/data.
 """
 
 import itertools
 import json
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import discrepancy as bench
 import injected
 import numpy as np
+import real
 import targets
 from matplotlib.lines import Line2D
 from scipy.optimize import brentq
@@ -33,6 +34,7 @@ from compasslib.effects import driver_of
 from compasslib.inference.comparison import Options
 from compasslib.inference.wording import display_name
 from compasslib.plots.page import BLUE, GREEN, GREY, VERMILION, WIDE_IN, legend, page
+from compasslib.preparation.water import fit_slow_shear
 from compasslib.stages.demonstration import conclude
 from tests.world import pairs as sea
 
@@ -45,6 +47,7 @@ DRAWN = (0.5, 4.0)  # size over the limit, by spectra; its logarithm is drawn ev
 EDGES = (0.25, 0.5, 1.0, 1.5, 2.25, 4.0)
 DETECTED = float(chi2.isf(0.01, 2))
 LIMIT = float(np.sqrt(brentq(lambda squared: ncx2.sf(DETECTED, 2, squared) - 0.9, 1.0, 100.0)))  # as z
+BINS, SPREAD = 6, 0.4  # bins of a profile, and spread of the logarithm of the shear between them (eh2, papa: 1.5 x)
 # Causes of tests/world/pairs.py that the catalogue does not list: their drivers, and what they are.
 UNLISTED = {
     "sector": ("heading", "readings wrong in one sector of headings"),
@@ -103,6 +106,30 @@ def known_noise_ratio(world: sea.World, turn: np.ndarray) -> float:
     return float(np.linalg.norm(beyond(white)))
 
 
+def in_slow_water(drawn: sea.Drawn, slow: sea.SlowWater, world: sea.World) -> sea.Drawn:
+    """State the turn of slow water over the record, and its shear between the bins of the affected instrument.
+
+    The shear of these is like that over the same distance.
+    """
+    rng = np.random.default_rng([int(world.time_s[0]), 1])
+    between = np.array([rng.lognormal(0.0, SPREAD) * slow.beside(rng, world.flow) for _ in range(BINS)])
+    across = np.imag(between * np.conj(world.flow) / np.abs(world.flow))
+    across += rng.normal(0.0, world.noise[2], across.shape)
+    shear = fit_slow_shear(world.time_s, across, np.ones(across.shape, dtype=bool))
+    return replace(drawn, pairs=replace(drawn.pairs, veer_deg=mean_veer(slow, world.flow), slow_shear=shear))
+
+
+def mean_veer(slow: sea.SlowWater, flow: np.ndarray) -> float:
+    """Compute the standard deviation of the mean turn over a record between the depths, degrees."""
+    days = len(flow) / 24.0
+
+    def of_mean(memory: float) -> float:  # of first-order noise with unit standard deviation
+        return np.sqrt(2.0 * memory / days * (1.0 - memory / days * (1.0 - np.exp(-days / memory))))
+
+    shear_deg = np.rad2deg(slow.shear_m_s / np.median(np.abs(flow)))
+    return float(np.hypot(slow.veer_deg * of_mean(slow.veer_days), shear_deg * of_mean(slow.shear_days)))
+
+
 def choose(kind: str, world: sea.World, rng: np.random.Generator) -> list[str]:
     """Draw the names of the causes of a mooring from those whose driver varies there."""
     needed = {"supply_voltage": world.voltage, "temperature": world.temperature, "depth_threshold": world.depth}
@@ -119,20 +146,17 @@ def measure(kind: str, index: int, seed: int) -> dict[str, Any]:
     rng, water = np.random.default_rng(own), WATERS[index % 2]
     record, options = water, Options()
     if water == "real":
-        there = [name for name in injected.GAPS if injected.file_of(name).exists()]
+        there = real.available()
         record, options = there[index // 2 % len(there)], Options(reference_magnetic=False)
-        some = [case for case in injected.cases(record) if case.logged == injected.LOGGED[0]]
-        seen = injected.seen(some[index // 2 % len(some)])
-        world = injected.world(seen, own)
+        some = [case for case in real.cases(record) if case.logged == real.LOGGED[0]]
+        seen = real.seen(some[index // 2 % len(some)])
+        world = real.world(seen, own)
     else:
         slow = sea.some_slow_water(np.random.default_rng(own))
         world = sea.make(own, wide=bool(rng.integers(2)), slow_water=slow)
     names = choose(kind, world, rng)
     drawn, z = plant(world, names, LIMIT * float(np.exp(rng.uniform(*np.log(DRAWN)))))
-    if water == "real":
-        drawn = injected.in_water_of(drawn, seen)
-    else:
-        drawn = bench.in_slow_water(drawn, slow, world, profiled=True)
+    drawn = real.in_water_of(drawn, seen) if water == "real" else in_slow_water(drawn, slow, world)
     *_, found, row = bench.diagnosed(bench.referred(drawn, index, seed), 0.0, options)
     row = {key: row[key] for key in ("truth", "verdict", "sides", "seconds")}
     return row | {
@@ -143,11 +167,11 @@ def measure(kind: str, index: int, seed: int) -> dict[str, Any]:
 
 def moored(record: str, kind: str, seed: int) -> dict[str, Any]:
     """Diagnose a whole real record whose compass is re-read near simulated iron, with a cause drawn by a seed."""
-    seen = injected.seen(injected.Case(record, 0, injected.GAPS[record][0], 0, 1, injected.LOGGED[0]))
-    world = injected.world(seen, 1000 * seed + 10 * list(INSTRUMENTS).index(record) + [*KINDS, "null"].index(kind))
+    seen = real.seen(real.Case(record, 0, real.GAPS[record][0], 0, 1, real.LOGGED[0]))
+    world = real.world(seen, 1000 * seed + 10 * list(INSTRUMENTS).index(record) + [*KINDS, "null"].index(kind))
     names, wanted = choose(kind, world, world.rng), float(world.rng.uniform(4.0, 15.0))
     drawn, z = plant(world, names, wanted)
-    drawn = bench.referred(injected.in_water_of(drawn, seen), 0, seed)
+    drawn = bench.referred(real.in_water_of(drawn, seen), 0, seed)
     fit, field, found, _ = bench.diagnosed(drawn, 0.0, Options(reference_magnetic=False))
     made = injected.errors(drawn, seen, fit, field, found)
     return {

@@ -14,7 +14,6 @@ import json
 import sys
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -146,29 +145,24 @@ HEAD = (
 def row(kind: str, case: str, count: int, first: int) -> list[bool]:
     """Print the rates of recordings with one effect; return whether each has a wrong name or is unexplained."""
     make, effect = KINDS[kind][0], case.split(",")[0]
-    tally, off, begin = Counter[str](), list[float](), time.process_time()
-    false = []
+    held, false, off, begin = list[tuple[bool, ...]](), list[bool](), list[float](), time.process_time()
     for seed in range(first, first + count):
         found, truth = make(np.random.default_rng(seed), case)
-        names = {one.effect for one in found.findings}
         own = [one.parameters for one in found.findings if one.effect == effect]
         off += [(numbers[k].value - truth[k]) / numbers[k].sigma for numbers in own for k in truth]
-        tally["set"] += any(effect in (one.effect, *one.alternatives) for one in found.findings)
-        tally["alone"] += names == {effect} and not found.findings[0].alternatives
-        wrong = sorted(one.effect for one in found.findings if effect not in (one.effect, *one.alternatives))
-        tally["other"] += bool(wrong)
-        tally["unexplained"] += found.verdict == "unexplained"
-        tally["insufficient"] += found.verdict == "insufficient"
+        sets = [(one.effect, *one.alternatives) for one in found.findings]
+        wrong = sorted(names[0] for names in sets if effect not in names)
+        alone = {names[0] for names in sets} == {effect} and len(sets[0]) == 1
+        of = (found.verdict == verdict for verdict in ("unexplained", "insufficient"))
+        held.append((any(effect in names for names in sets), alone, bool(wrong), *of))
         false.append(bool(wrong) or found.unexplained is not None)
-        if wrong or found.unexplained:
+        if false[-1]:
             left = found.unexplained.covariates if found.unexplained else ()
-            tally[f"  {kind} {case or 'null'} seed {seed}: {', '.join((*wrong, *left))}"] += 1
+            print(f"<!-- {kind} {case or 'null'} seed {seed}: {', '.join((*wrong, *left))} -->", file=sys.stderr)
     spent = (time.process_time() - begin) / count
-    shares = [targets.text_of(tally[key], count) for key in ("set", "alone", "other", "unexplained", "insufficient")]
     z = f"{np.sqrt(np.mean(np.square(off))):.2f} ({len(off)})" if off else "-"
+    shares = map(targets.share_of, zip(*held, strict=True))
     targets.line(kind, case or "none", *shares, z, f"{spent:.1f}")
-    for key in (key for key in tally if key.startswith(" ")):
-        print(f"<!-- {key.strip()} -->")
     return false
 
 

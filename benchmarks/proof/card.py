@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from matplotlib.ticker import FixedLocator, NullLocator
 
 from benchmarks import targets
@@ -33,7 +32,6 @@ def write(out: Path, made: dict[str, Any]) -> None:
     """Write scorecard.json, scorecard.md, a CSV file for each of its tables, and the figures."""
     (out / "figures").mkdir(parents=True, exist_ok=True)
     (out / "scorecard.json").write_text(json.dumps(made, indent=1) + "\n")
-    draw_power(out / "figures/power.png", made["power"])
     draw_headings(out / "figures/headings.png", made["moorings"])
     links, shown = [], []
     for title, (head, rows) in _tables(made).items():
@@ -89,7 +87,7 @@ def _tables(made: dict[str, Any]) -> dict[str, Table]:
     of_scores = ["probability of", "n", "base rate", "Brier score", "base rate's", "improvement", "log score"]
     of_errors = ["moorings", "n", "fit", "product", *tally.HEADINGS[2:], "product ≤ sampled + 0.3°"]
     of_moorings = ["mooring", "kind", "water", "planted (visible)", "named", "unexplained", "outcome", "score"]
-    of_moorings += ["heading errors: fit, product, sampled, oracle", "why not named"]
+    of_moorings += ["heading errors: fit, product, sampled, oracle"]
     return {
         "Targets": (["measure", "value", "target"], goals),
         "Scores": (["tool", *tally.PLACES, "this pipeline minus tool"], points),
@@ -109,7 +107,7 @@ def _mooring(row: dict[str, Any]) -> list[str]:
     errors = ", ".join(_text(row[key]) for key in ("before_deg", "after_deg", "sampled_deg", "oracle_deg"))
     kind = f"{row['kind']}, {'wide' if row['wide'] else 'narrow'}"
     water = row["water"] if row["real"] or row["water"] == "made" else f"made of {row['water']}"
-    told = [planted, named, left, row["outcome"], _text(row["points"]), errors, row["why"] or "–"]
+    told = [planted, named, left, row["outcome"], _text(row["points"]), errors]
     return [row["name"], kind, water, *told]
 
 
@@ -127,32 +125,6 @@ def _text(value: float | None) -> str:
 
 def _percent(value: float | None) -> str:
     return "–" if value is None else f"{100.0 * value:.0f} %"
-
-
-def draw_power(path: Path, bins: Sequence[dict[str, Any]]) -> None:
-    """Draw the share of single effects that were detected and named against their visible size."""
-    title = "Single effects detected and named, by visible size\n"
-    title += "Bars are 95 % intervals (Clopper and Pearson); n is the number of moorings."
-    with page(path, 2.9, width_in=WIDE_IN, title=title) as figure:
-        panels = figure.subplots(1, 2, sharey=True)
-        for axes, (place, water) in zip(panels, {"made": "simulated", "real": "real"}.items(), strict=True):
-            some = [one for one in bins if one["place"] == place]
-            for key, colour, shift in (("detected", GREY, -0.08), ("named", BLUE, 0.08)):
-                if some:
-                    share = np.array([one[key] / one["count"] for one in some])
-                    ends = np.array([targets.interval(one[key], one["count"]) for one in some])
-                    look = {"fmt": "o", "color": colour, "label": key, "capsize": 2}
-                    axes.errorbar(np.arange(len(some)) + shift, share, np.abs(ends.T - share), **look)
-            axes.set_xticks(range(len(some)), [f"{_range(one)}\nn = {one['count']}" for one in some])
-            axes.set(xlabel=f"Visible size, {water} water, rms (°)", ylim=(-0.03, 1.03))
-        panels[0].set_ylabel("Share")
-        panels[0].legend(loc="upper left", ncols=2, bbox_to_anchor=(0.08, 1.15))
-
-
-def _range(one: dict[str, Any]) -> str:
-    if one["to_deg"] == tally.BINS_DEG[-1]:
-        return f"over {one['from_deg']:g}"
-    return f"{one['from_deg']:g}–{one['to_deg']:g}" if one["from_deg"] else f"under {one['to_deg']:g}"
 
 
 def draw_headings(path: Path, rows: Sequence[dict[str, Any]]) -> None:

@@ -145,7 +145,6 @@ def row(name: str, truth: dict[str, Any], diagnosis: dict[str, Any], heads: dict
         "stated": [statement(one, truth) for one in diagnosis["findings"]],
         "current": [one["level"] for one in diagnosis.get("current", [])],
         "limits_deg": [limit_deg(one, diagnosis) for one in truth["effects"]],
-        "why": why(truth, diagnosis),
         "five_deg": truth["five_deg"],
         "oracle_deg": truth["oracle_deg"],
         **heads,
@@ -220,26 +219,6 @@ def limit_deg(effect: dict[str, Any], diagnosis: dict[str, Any]) -> float | None
     """Look up the detection limit that a diagnosis states for an effect, degrees; None if it states none."""
     said = [diagnosis.get("detectable_deg", {}).get(name) for name in effect["right"]]
     return min((one for one in said if one is not None), default=None)
-
-
-def why(truth: dict[str, Any], diagnosis: dict[str, Any]) -> str:
-    """Compose the statements of a diagnosis about planted effects that it did not name."""
-    if diagnosis["verdict"] in ("insufficient", "stopped"):
-        return str(diagnosis.get("why", ""))
-    given = [name for each in named_sets(truth, diagnosis) for name in each]
-    untested = {one["effect"]: one["why"] for one in diagnosis.get("not_testable", [])}
-    small = {one["effect"]: one["rms_effect_deg"] for one in diagnosis.get("negligible", [])}
-    needed, said = diagnosis.get("detectable_deg", {}), []
-    for one in truth["effects"]:
-        if not any(right(name, one) for name in given):
-            for name in one["right"]:
-                if name in untested:
-                    said.append(f"{name}: not testable, {untested[name]}")
-                elif name in small:
-                    said.append(f"{name}: seen as {small[name]:.2f}°, too small to matter")
-                elif needed.get(name) is not None:
-                    said.append(f"{name}: this record shows {needed[name]:.1f}° nine times in ten")
-    return "; ".join(said)
 
 
 # Tools for comparison, which ignore the data or do not attribute.

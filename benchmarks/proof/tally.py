@@ -21,7 +21,6 @@ NEAR_DEG, WORSE_DEG = 0.3, 0.1
 HEADINGS = ("before", "after", "published", "sampled", "five", "oracle")
 SURE = 0.95  # probability from which something is stated
 EASY_DEG = 2.0  # visible size of an effect that most records show
-SHARES_AT_FAULT = (0.1, 0.3, 0.75)  # to which the score of faults is weighted
 FAULT, NAMED = "fault of compass or clock", "effect named"  # what probabilities are stated of
 PLACES = ("all", "simulated water", "real records", "stand-in reference")
 
@@ -128,37 +127,27 @@ def probabilities(rows: Sequence[Row]) -> dict[str, Any]:
     """
     rows = [row for row in rows if row["place"] != PLACES[-1]]
     compass = [[row["of_compass"]] for row in rows if row["of_compass"]]
-    mixed = len({came for ((_, came),) in compass}) > 1
-    made = {FAULT: _forecast(compass)}
-    for share in SHARES_AT_FAULT if mixed else ():
-        made[f"{FAULT}, reweighted to a base rate of {share:g}"] = _forecast(compass, share)
-    return made | {NAMED: _forecast([row["of_names"] for row in rows if row["of_names"]])}
+    return {FAULT: _forecast(compass), NAMED: _forecast([row["of_names"] for row in rows if row["of_names"]])}
 
 
-def _forecast(groups: Sequence[Sequence[Sequence[float]]], share: float | None = None) -> dict[str, Any]:
-    """Score forecasts by Brier's (1950) and the logarithmic rule (Good 1952), those of one mooring together.
-
-    Args:
-        share: base rate to which the moorings are reweighted; as observed where None.
-    """
+def _forecast(groups: Sequence[Sequence[Sequence[float]]]) -> dict[str, Any]:
+    """Score forecasts by Brier's (1950) and the logarithmic rule (Good 1952), those of one mooring together."""
     if not groups:
         return {"count": 0}
     mooring = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
     stated, came = np.array([one for group in groups for one in group]).T
-    base, weights = came.mean(), np.ones(came.size)
-    if share is not None:
-        base, weights = share, np.where(came > 0.0, share / came.mean(), (1.0 - share) / (1.0 - came.mean()))
+    base = came.mean()
     rules = {
         "brier": lambda p: (p - came) ** 2,
         "log": lambda p: -np.log(np.maximum(np.where(came > 0.0, p, 1.0 - p), score.WORST)),
     }
-    made = {"count": came.size, "moorings": len(groups), "share": float(base), "weighted": share is not None}
+    made = {"count": came.size, "moorings": len(groups), "share": float(base)}
     for name, rule in rules.items():
-        own, of_base, count = (np.bincount(mooring, weights * x) for x in (rule(stated), rule(base), came**0))
+        own, of_base, count = (np.bincount(mooring, x) for x in (rule(stated), rule(base), came**0))
         gain = lambda some, a=own, b=of_base, n=count: (b - a)[some].sum(axis=-1) / n[some].sum(axis=-1)  # noqa: E731
         better = targets.resampled(np.arange(len(groups)), gain)
         made[name] = {"own": own.sum() / count.sum(), "share": of_base.sum() / count.sum(), "better": better}
-    return made | {"bins": _bins(stated, came) if share is None else []}
+    return made | {"bins": _bins(stated, came)}
 
 
 def _bins(stated: np.ndarray, came: np.ndarray) -> list[dict[str, Any]]:
@@ -234,7 +223,7 @@ def goals(rows: Sequence[Row], scored: dict[str, Any], stated: dict[str, Any]) -
         for what, one in stated.items()
         if one["count"]
         for rule, name in (("brier", "Brier score"), ("log", "log score"))
-        if one[rule]["better"] and not (rule == "brier" and one["weighted"])
+        if one[rule]["better"]
     ]
     return [one for one in found if one.value != "–"]
 

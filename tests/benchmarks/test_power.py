@@ -1,16 +1,10 @@
 """Would catch sizes of causes on the axis of the power curve that are not those of a tool that knows the noise."""
 
-import sys
-
 import numpy as np
+import power
 import pytest
 
 from tests.world import pairs as sea
-from tests.world.launch import PROJECT
-
-sys.path.insert(0, str(PROJECT / "benchmarks"))
-
-import power
 
 
 def test_ratio_in_simulated_water_is_that_of_the_exact_covariance():

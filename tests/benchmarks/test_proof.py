@@ -157,8 +157,6 @@ def test_calibrated_probabilities_beat_the_base_rate():
     assert good["brier"]["own"] == pytest.approx(np.mean((stated - came) ** 2))
     assert sum(one["count"] for one in good["bins"]) == 400
     assert tally.probabilities([*rows, rows[0] | {"place": tally.PLACES[-1]}])[tally.NAMED]["count"] == 400
-    rare = tally.probabilities(rows)[f"{tally.FAULT}, reweighted to a base rate of 0.1"]
-    assert rare["share"] == 0.1 and rare["log"]["share"] == pytest.approx(-0.1 * np.log(0.1) - 0.9 * np.log(0.9))
     swapped = [row | {"of_names": [[1.0 - p, y] for p, y in row["of_names"]]} for row in rows]
     assert tally.probabilities(swapped)[tally.NAMED]["brier"]["better"][1] < 0.0
 
@@ -201,9 +199,6 @@ def test_target_is_missed_if_its_interval_excludes_it(capsys):
     assert targets.report([targets.share("few", few, most=0.02)]) == 0
     assert targets.report([targets.share("many", many, most=0.02), targets.limit("s", 3.0, most=4.0)]) == 1
     assert "| many | 10.0 % of 300 (6.8–14.0) | ≤ 2 %, MISSED |" in capsys.readouterr().out
-
-
-# Simulated moorings.
 
 
 @pytest.fixture(scope="module")

@@ -25,9 +25,6 @@ def calibrated(read: BenchReadings, **keys):
     return platform.calibrate_readings(read, **keys)
 
 
-# --- the forms ------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("form", [SMITH, EXACT, POLYNOMIAL, ONE_CYCLE, EMPIRICAL], ids=lambda form: form.name)
 def test_gradient_of_every_form_matches_finite_differences(form):
     coefficients = np.append([0.02, 0.15, 0.1, 0.03, -0.02, 0.01, 0.02], np.full(6, 0.03))[: len(form.letters)]
@@ -96,9 +93,6 @@ def test_five_terms_leave_4_05_degrees_of_the_published_headings():
     assert made.sources[-1].standard_deg > 1.5 * 4.0  # Student's t with three degrees of freedom
 
 
-# --- uncertainty ----------------------------------------------------------------------------------------------------
-
-
 def test_student_widening_matches_the_gum():
     assert curves.student_widening(3) == pytest.approx(3.307 / 2.0, abs=1e-3)  # GUM, table G.2, p = 95.45 %
     assert curves.student_widening(1) == pytest.approx(13.97 / 2.0, abs=1e-2)
@@ -151,9 +145,6 @@ def test_constant_shift_is_reported_with_its_uncertainty():
     assert not unsure["differs_from_none"] and "is not significant" in unsure["text"]
 
 
-# --- too few headings -----------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("settings", "why"),
     [
@@ -162,12 +153,14 @@ def test_constant_shift_is_reported_with_its_uncertainty():
         ([30.0, 30.0, 30.0], "one heading only: the deviation there is +"),
         ([0.0, 120.0, 240.0], "3 headings in 3 of 36 sectors determine no curve (five terms: 5 coefficients need at"),
         (np.arange(0.0, 60.0, 5.0), "12 headings in 6 of 36 sectors determine no curve (five terms: the headings do"),
+        # One cycle would absorb the quadrantal deviation: B = 11.3 ± 0.6 degrees instead of 8.6.
+        (np.arange(0.0, 180.0, 10.0), "would look like one cycle"),
     ],
-    ids=["none", "one", "one repeated", "three", "a sixth of the circle"],
+    ids=["none", "one", "one repeated", "three", "a sixth of the circle", "half"],
 )
 def test_too_few_headings_are_refused_with_the_reason(settings, why):
     made = calibrated(readings(settings))
-    assert made.why.startswith(why) and made.model == "none"
+    assert why in made.why and made.model == "none"
     assert not made.coefficients.size and not made.exact.size and made.table is None
     assert set(made.points) == {"reference_deg", "recorded_deg", "deviation_deg"}
 
@@ -180,23 +173,11 @@ def test_four_headings_determine_only_one_cycle():
     assert made.sources[-1].how.startswith("scatter about the curve, 1 degrees of freedom")
 
 
-def test_half_a_circle_of_headings_is_refused():
-    """A one-cycle fit would absorb the quadrantal deviation: B = 11.3 ± 0.6 degrees instead of 8.6."""
-    made = calibrated(readings(np.arange(0.0, 180.0, 10.0)))
-    assert made.model == "none" and "would look like one cycle" in made.why
-
-
 def test_two_thirds_of_a_circle_determine_five_terms():
     made = calibrated(readings(np.arange(0.0, 240.0, 10.0)))
     assert made.coefficients.size == 5 and any("no reading between recorded" in text for text in made.warnings)
     gap, middle = made.table.sigma_deg[[30, 12]]
     assert gap > 2.0 * middle
-
-
-def test_eight_headings_give_a_warning_and_sixteen_do_not():
-    eight, sixteen = calibrated(readings(ring(8))), calibrated(readings(ring(16)))
-    assert any("8 headings leave 3 degrees of freedom" in text for text in eight.warnings)
-    assert sixteen.warnings == ()
 
 
 def test_folded_compass_has_exact_coefficients_and_no_table():
@@ -205,8 +186,3 @@ def test_folded_compass_has_exact_coefficients_and_no_table():
     assert not made.coefficients.size and np.isnan(made.table.deviation_deg).all()
     assert any(text.startswith("the compass cannot turn full circle: it shows 16") for text in made.warnings)
     assert made.details["models"]["one_cycle"]["why"].startswith("it misses the readings by 3")
-
-
-def test_coverage_counts_occupied_sectors():
-    assert curves.count_sectors([]) == 0 and curves.count_sectors(ring()) == 36
-    assert curves.count_sectors([359.9, 0.0, 5.0, 9.9]) == 2

@@ -58,9 +58,6 @@ def copied(runs, tmp_path) -> Path:
     return tmp_path / "results/M1"
 
 
-# --- help ------------------------------------------------------------------------------------------------------------
-
-
 def test_help_lists_commands_without_heavy_imports():
     code = (
         "import sys\nfrom compasslib.cli import main\n"
@@ -89,9 +86,6 @@ def test_invalid_command_line_exits_with_status_2(capsys, words):
     with pytest.raises(SystemExit) as ended:
         main(words)
     assert ended.value.code == 2 and "usage: compass" in capsys.readouterr().err
-
-
-# --- check -----------------------------------------------------------------------------------------------------------
 
 
 def test_check_summarizes_each_mooring(tmp_path, capsys):
@@ -193,9 +187,6 @@ def test_check_outside_a_cruise_is_refused(tmp_path, capsys):
         assert "config/config.yaml: expected this file" in refused(capsys, "check", str(place))
 
 
-# --- correct ---------------------------------------------------------------------------------------------------------
-
-
 def test_correct_writes_outside_the_workflow_results(tmp_path, capsys):
     folder = cruise(tmp_path / "c", n=60)
     assert main(["correct", "M1", "--cruise", str(folder)]) == 0
@@ -215,9 +206,6 @@ def test_correct_refuses_an_unknown_mooring(tmp_path, capsys):
     assert not (folder / "corrected").exists()
 
 
-# --- explain ---------------------------------------------------------------------------------------------------------
-
-
 def test_explain_prints_verdict_uncertainty_and_limits(runs, capsys):
     assert main(["explain", str(runs / "old/M1")]) == 0
     told = capsys.readouterr().out
@@ -232,34 +220,21 @@ def test_explain_prints_verdict_uncertainty_and_limits(runs, capsys):
 
 def test_explain_prints_findings_and_warnings(copied, capsys):
     finding = {
-        "effect": "heeling",
-        "side": "compass",
-        "alternatives": ["stuck_tilt"],
+        "effect": "heeling", "side": "compass", "alternatives": ["stuck_tilt"], "rms_effect_deg": 3.1,
         "where": {"covariate": "pitch", "from": 4.0, "to": 11.0, "text": "pitch 4 to 11 degrees"},
         "when": {"from": "2007-11-02T00:00:00Z", "to": "2008-10-04T00:00:00Z"},
         "parameters": {"b_z_nT": {"value": 2100.0, "sigma": 140.0, "unit": "nT"}},
-        "rms_effect_deg": 3.1,
         "heldout": {"rms_before_deg": 11.9, "rms_after_deg": 11.3, "p_value": 0.001},
-        "applied": False,
-        "text": "The compass tilts over iron.",
-    }
+        "applied": False, "text": "The compass tilts over iron.",
+    }  # fmt: skip
     rewrite(copied / "diagnosis.json", verdict="ambiguous", findings=[finding], separated_by="a swing at a tilt")
     rewrite(copied / "deviation.json", warnings=["few pairs in spring"])
     assert main(["explain", "M1", "--cruise", str(copied.parents[1])]) == 0
-    told = capsys.readouterr().out
-    for said in (
-        "M1: ambiguous",
-        "Finding: Heeling",
-        "Alternatives: the tilt sensors are stuck, and the compass is compensated with their last values",
-        "Acts on: compass",
-        "few pairs in spring",
-        "  ambiguous: Verdict: a further error is established",
-    ):
-        assert said in told, said
-    assert "field down: 2100\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}140\N{NO-BREAK SPACE}nT" in told
-    assert "Decisive observation: A swing at a tilt." in told
+    told = capsys.readouterr().out.replace("\N{NO-BREAK SPACE}", " ")
+    words = ("M1: ambiguous", "Finding: Heeling", "Alternatives: the tilt sensors are stuck", "Acts on: compass",
+             "few pairs in spring", "field down: 2100 ± 140 nT", "Decisive observation: A swing at a tilt")  # fmt: skip
+    assert [said for said in words if said not in told] == [] and "Figure: " not in told
     figure = copied / "figures/diagnosis.png"
-    assert "Figure: " not in told
     figure.parent.mkdir()
     figure.touch()
     assert main(["explain", "M1", "--cruise", str(copied.parents[1])]) == 0
@@ -280,17 +255,12 @@ def rewrite(file: Path, **keys: object) -> None:
 
 
 @pytest.mark.parametrize("file", results.MOORING_FILES)
-def test_incomplete_results_are_refused(copied, capsys, file):
-    (copied / file).unlink()
+@pytest.mark.parametrize("content", [None, "{}", "[1]", '{"verdict": '])
+def test_incomplete_or_damaged_results_are_refused(copied, capsys, file, content):
+    (copied / file).unlink() if content is None else (copied / file).write_text(content)
     line = refused(capsys, "explain", str(copied))
-    assert f"expected all results of a mooring, found no {file}; run the cruise to its end" in line
-
-
-@pytest.mark.parametrize("file", results.MOORING_FILES)
-@pytest.mark.parametrize("content", ["", "{}", "[1]", '{"verdict": '])
-def test_damaged_results_are_refused(copied, capsys, file, content):
-    (copied / file).write_text(content)
-    line = refused(capsys, "explain", str(copied))
+    if content is None:
+        assert f"expected all results of a mooring, found no {file}; run the cruise to its end" in line
     assert file in line or f"{copied}: expected results of this version" in line
 
 
@@ -315,9 +285,6 @@ def test_warnings_of_unconfigured_instruments_are_omitted(runs, copied):
     assert "top: pitch and roll never change" in told and "upper: " not in told
     assert told == summary.summary_row("M1", runs / "old/M1")["warnings"]
     assert told != summary.summary_row("M1", copied)["warnings"]
-
-
-# --- diff ------------------------------------------------------------------------------------------------------------
 
 
 def test_diff_reports_the_effects_of_another_declination(runs, capsys):

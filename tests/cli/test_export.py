@@ -61,7 +61,6 @@ def refused(capsys, *words: str) -> str:
     return err
 
 
-# ------------------------------------------------------------------------------------------------- tables and archives
 def test_pandas_reads_the_table_and_its_sidecar(world, tmp_path, capsys):
     table, sidecar = exported(capsys, world, "csv", tmp_path)
     read = pandas.read_csv(table, parse_dates=["TIME"])
@@ -164,7 +163,6 @@ def test_existing_files_are_not_overwritten(world, tmp_path, capsys, form):
     assert f"{first.name}: expected a file that is not there yet" in line and first.read_bytes() == b"mine"
 
 
-# ----------------------------------------------------------------------------------------------------------------- PD0
 def test_pd0_reader_recovers_the_corrected_headings(world, tmp_path, capsys):
     file, sidecar = exported(capsys, world, "pd0", tmp_path)
     assert file.name == "M1_top_corrected.000" and sidecar.name == "M1_top_corrected.000.json"

@@ -11,13 +11,11 @@ import numpy as np
 import pytest
 import yaml
 
-from compasslib.cli import init, main
-from compasslib.config.draft import Drafted
+from compasslib.cli import main
 from compasslib.readers import detect
 from tests.world import netcdf_layouts
 from tests.world.bench import readings, write_table
 from tests.world.launch import PROJECT
-from tests.world.products import make_record
 from tests.world.sea import cruise
 
 DATA = PROJECT.parent / "shared/data"
@@ -255,10 +253,3 @@ def test_file_name_invalid_in_yaml_is_skipped_and_reported(tmp_path, capsys, nam
     ]
     assert len(told) == 1 and "op.000" in told[0]
     assert list(draft(new, "M1")["instruments"]) == ["deep"] and not [*new.rglob("*op.000")]
-
-
-def test_unreadable_file_overlaps_no_other_in_time():
-    known = Drafted("pd0", ("a.000",), {}, make_record(10))
-    unknown = Drafted("pd0", ("b.000",), {}, trouble="no ensemble")
-    assert init._overlap_in_time(known, known)
-    assert not init._overlap_in_time(known, unknown) and not init._overlap_in_time(unknown, known)

@@ -57,11 +57,6 @@ def test_example_calibration_is_read_with_its_defaults(cruise: Path) -> None:
     }  # fmt: skip
 
 
-def test_missing_calibration_folder_gives_no_calibrations(tmp_path: Path) -> None:
-    write(tmp_path, "config/config.yaml", "moorings: []\n")
-    assert config.load_cruise(tmp_path).calibrations == {}
-
-
 def test_every_kind_is_read_by_its_own_model(cruise: Path) -> None:
     assert set(KINDS) <= set(calibrations.MODELS)
     for kind, model in calibrations.MODELS.items():

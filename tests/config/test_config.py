@@ -128,9 +128,6 @@ def with_line(line: str) -> str:
     return old[:place] + line + old[old.index("\n", place) :]
 
 
-# --- valid input ----------------------------------------------------------------------------------------------------
-
-
 def test_example_configuration_is_read(cruise: Path) -> None:
     loaded = config.load_cruise(cruise)
     mooring = loaded.moorings["EG4"]
@@ -431,21 +428,6 @@ moorings: ../other -> moorings
 def test_invalid_line_in_a_mooring_file_is_reported(cruise: Path, line: str, place: str) -> None:
     write(cruise, MOORING_FILE, with_line(line))
     assert_refused(cruise, f"{MOORING_FILE}: {place}")
-
-
-SENTENCES = [
-    ("latitude: 95.3", "expected a number from -90 to 90, found 95.3; check the sign and the order of latitude and longitude"),
-    ("latitud: 65", "found the unknown 'latitud'; write latitude"),
-    ("    format: tabel", "ocean_contour, mat, odv or nortek, found 'tabel'; write table"),
-    ("latitude: 65,3", "found '65,3'; write a number with a point, without quotes, unit or leading zeros"),
-    ("    files: raw/EG4", "found the folder raw/EG4; write raw/EG4/* for all files in it"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("line", "end"), SENTENCES)
-def test_message_states_what_was_found_and_what_to_write(cruise: Path, line: str, end: str) -> None:
-    write(cruise, MOORING_FILE, with_line(line))
-    assert message(cruise).endswith(end)
 
 
 def test_raw_file_name_with_braces_is_refused(cruise: Path) -> None:

@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -63,19 +62,6 @@ def test_signal_to_noise_is_that_of_generalized_least_squares():
         exact = concealed.beyond(np.linalg.solve(root, speed[:, None] * np.column_stack([turn, fitted])))
         found = [concealed.signal_to_noise(speed, heading, turn, noise) for noise in noises]
         assert least < np.mean(found) / np.linalg.norm(exact) < most
-
-
-def test_the_board_of_c2_bends_after_it_warms():
-    ground = concealed.sealed.make(1, "C2", concealed.CASES["C2"].wish)
-    (cause,) = concealed.CASES["C2"].causes(ground, np.random.default_rng(1))
-    bent = cause.effect(1.0).reading(np.zeros((len(ground.stamp_s), 1)))[:, 0]
-    late = np.where(ground.currents.time_s > ground.stamp_s[1000], 5.0, 0.0)
-    (other,) = concealed.CASES["C2"].causes(
-        replace(ground, temperature_c=ground.temperature_c + late), np.random.default_rng(1)
-    )
-    again = other.effect(1.0).reading(np.zeros((len(ground.stamp_s), 1)))[:, 0]
-    before = slice(0, 1000)  # what happens later changes its scale only
-    assert np.corrcoef(bent[before], again[before])[0, 1] > 1.0 - 1e-12
 
 
 def test_what_is_named_of_a_cause_and_what_has_no_cause():

@@ -183,16 +183,6 @@ def test_every_ensemble_is_valid_and_numbered(cruise, file, clock, setup):
     assert tuple(column[100] for column in said) == setup
 
 
-def test_ensemble_numbers_exceed_sixteen_bits():
-    spec = MOORINGS["EG7"]
-    world = demonstration.make_world(spec, SEED)
-    stance = demonstration.top_stance(world)
-    made = adcp.measure(world.random("top"), spec.top, stance, world.currents, latitude_deg=spec.latitude_deg)
-    octets = adcp.encode(spec.top, made)
-    number = octets[:, 79].astype(int) + 256 * octets[:, 80].astype(int) + 65536 * octets[:, 88].astype(int)
-    assert number[-1] == 60001 + len(octets) - 1 > 65535
-
-
 def test_mhkit_reads_the_simulated_files(cruise):
     path = cruise / "raw" / "EG2" / "top.000"
     with mhkit() as dolfyn:
@@ -231,13 +221,6 @@ def test_beam_coordinates_are_independent_of_the_compass(cruise):
 def assert_is_the_current(found, true):
     wrong = found - (true["east_true_m_s"] + 1j * true["north_true_m_s"])
     assert abs(wrong.mean()) < 0.002 and wrong.std() < 0.02
-
-
-def test_samples_on_deck_have_no_velocity(cruise):
-    found = decode(cruise / "raw" / "EG2" / "top.000")
-    assert np.isnan(found.velocity[:24]).all()
-    assert np.isnan(found.velocity[-24:]).all()
-    assert (np.abs(found.tilt2_deg[:24]) > 45).all()
 
 
 def test_profiler_sticks_and_its_climb_rate_is_measured(cruise):

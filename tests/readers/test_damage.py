@@ -173,6 +173,23 @@ def test_every_reader_under_every_fault(kinds, tmp_path, name):
     assert outcome == {fault: letters.split()[column] for fault, letters in MATRIX.items()}
 
 
+CHECKED = ("pd0", "pd12", "nortek", "ad2cp", "mmp binary", "mmp text", "nmea0183", "iaga2002")
+
+
+@pytest.mark.parametrize("name", CHECKED)
+def test_cut_or_flipped_byte_costs_one_record(kinds, tmp_path, name):
+    """Anywhere behind the header; without a checksum, a changed digit may be another valid number."""
+    data, whole = kinds[name].whole, tried(kinds[name], kinds[name].whole, tmp_path)
+    rng, before = np.random.default_rng(9), 0
+    for at in np.sort(rng.integers(len(data) // 3, len(data), 40)).tolist():
+        octet = bytes([data[at] ^ 1 << int(rng.integers(8))])
+        found = tried(kinds[name], data[:at] + octet + data[at + 1 :], tmp_path)
+        assert len(found) >= len(whole) - 1 and len(found - whole) <= (name not in (*SUMMED, "pd12")), at
+        cut = tried(kinds[name], data[:at], tmp_path)
+        assert cut <= whole and len(cut) >= before, at
+        before = len(cut)
+
+
 @pytest.mark.parametrize("name", ["pd0", "mmp text", "mmp binary", "nmea0183", "iaga2002", "nortek", "ad2cp"])
 @pytest.mark.parametrize("fault", ["junk in front", "junk inside", "junk at the end", "a tail of FF", "a tail of 00"])
 def test_skipped_bytes_are_counted_and_reported(kinds, tmp_path, name, fault):
@@ -246,9 +263,6 @@ def test_profiles_split_over_modem_frames_are_joined(kinds, tmp_path):
     torn = framed(first)[:-300] + framed(second)
     found = _array(of_record("mmp binary", torn, tmp_path))
     assert 29 <= len(found) < len(expected) and {*map(tuple, found[-29:])} <= {*map(tuple, expected)}
-
-
-CHECKED = ("pd0", "pd12", "nortek", "ad2cp", "mmp binary", "mmp text", "nmea0183", "iaga2002")
 
 
 def spoilt(name: str, data: bytes, share: float) -> bytes:

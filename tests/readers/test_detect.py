@@ -79,23 +79,20 @@ def test_ensembles_are_recognized_behind_other_bytes(tmp_path, junk):
     assert detect_kind(path) is None or detect_kind(path).form != "pd0"
 
 
-def test_random_bytes_are_not_recognized(tmp_path):
-    path = tmp_path / "x"
-    path.write_bytes(np.random.default_rng(0).integers(0, 256, 2**20, dtype=np.uint8).tobytes())
-    assert detect_kind(path) is None
+PREAMBLE = "A line about the instrument\n" * 8 + "time,u,v\n"
 
 
-def test_utf_16_table_is_recognized(tmp_path):
-    path = tmp_path / "x"
-    path.write_bytes((TABLE * 9).decode().encode("utf-16"))
-    assert detect_kind(path).form == "table"
-
-
-@pytest.mark.parametrize("row", ["Sep 04 2007 12:00,1.0,2.0", "'2007-09-04',1.0,2.0", "M1;04.09.2007 12:00;1,0;2,0"])
-def test_table_is_recognized_below_a_preamble(tmp_path, row):
-    path = tmp_path / "x"
-    path.write_text("\n".join(["A line about the instrument"] * 8 + ["time,u,v"] + [row] * 12))
-    assert detect_kind(path).form == "table"
+@pytest.mark.parametrize(
+    "content",
+    [
+        (TABLE * 9).decode().encode("utf-16"),
+        *((PREAMBLE + 12 * row).encode() for row in ("Sep 04 2007 12:00,1.0,2.0\n", "'2007-09-04',1.0,2.0\n",
+                                                     "M1;04.09.2007 12:00;1,0;2,0\n")),
+    ],
+)  # fmt: skip
+def test_table_is_recognized_in_utf_16_and_below_a_preamble(tmp_path, content):
+    (tmp_path / "x").write_bytes(content)
+    assert detect_kind(tmp_path / "x").form == "table"
 
 
 GENUINE = {

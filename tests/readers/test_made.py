@@ -27,17 +27,12 @@ def test_made_file_is_read_as_it_was_written(tmp_path, kind, seed):
     assert (record.quality[:, 0] == (truth.flag if has_flags else 1)).all()
 
 
-SAID = {  # lines of the draft; what the file does not say is DECIDE
+SAID = {  # lines of the draft; what the file does not say is DECIDE; other kinds are in test_wild.py
     "WinADCP": {"format: mat", "orientation: up", "declination_applied: DECIDE"},
     "rdradcp": {"format: mat", "orientation: down", "declination_applied: DECIDE"},
-    "arrays by columns": {"format: mat"},
-    "odv": {"format: odv", "direction_reference: DECIDE"},
     "Aquadopp": {"format: nortek", "orientation: up", "declination_applied: DECIDE"},
     "Aquadopp profiler": {"format: nortek", "orientation: up"},
-    "OceanContour": {"format: ocean_contour", "orientation: down"},
-    "speed and direction": {"format: netcdf", "direction_reference: 'true'"},
     "year and day of the year": {"format: table", "time: [YEAR, DAY_OF_YEAR]"},
-    "short names of date and time": {"format: table", "time: [yr, mon, day, hr, min, sec]"},
     "units in a comment": {"format: table", "scale: 0.01"},
     "decimal commas and cm/s": {"format: table", "scale: 0.01"},
 }

@@ -14,7 +14,7 @@ from compasslib.errors import InputError
 from compasslib.readers.pd0 import currents
 from compasslib.readers.times import Unreadable, parse_origin
 from compasslib.readers.vocabulary import MEANINGS, flag_of
-from compasslib.records import BAD, GOOD, MISSING, NOT_CHECKED, PROBABLY_BAD, PROBABLY_GOOD, Record
+from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Record
 from tests.world import netcdf_layouts as layouts
 from tests.world.netcdf_layouts import DECLINATION, M, N
 from tests.world.products import make_product, measured, write
@@ -223,20 +223,15 @@ def test_packed_values_are_unpacked_and_those_out_of_range_missing(tmp_path):
     assert record.quality.ravel().tolist() == [GOOD, MISSING, MISSING, GOOD]
 
 
-STATED = {"flag_values": [1, 2, 3, 4, 9], "flag_meanings": "PASS NOT_EVALUATED SUSPECT FAIL MISSING"}
-
-
-@pytest.mark.parametrize(("attributes", "second"), [(STATED, NOT_CHECKED), ({}, PROBABLY_GOOD)])
-def test_flags_are_mapped_by_their_meanings(tmp_path, attributes, second):
+def test_flags_without_meanings_are_those_of_oceansites_and_reported(tmp_path):
     with layout(tmp_path, "imos_magnetic") as nc:
         for name in ("UCUR_MAG_quality_control", "VCUR_MAG_quality_control"):
             nc[name].delncattr("flag_values")
             nc[name].delncattr("flag_meanings")
-            nc[name].setncatts({key: np.array(v, "i1") if isinstance(v, list) else v for key, v in attributes.items()})
             nc[name][9, :] = [1, 2, 3, 4, 9]
     record = read(tmp_path / "a.nc")
-    assert record.quality[9].tolist() == [GOOD, second, PROBABLY_BAD, BAD, MISSING]
-    assert any("what its flags mean" in line for line in record.warnings) == (not attributes)
+    assert record.quality[9].tolist() == [GOOD, PROBABLY_GOOD, PROBABLY_BAD, BAD, MISSING]
+    assert any("what its flags mean" in line for line in record.warnings)
 
 
 def test_column_map_takes_precedence_over_names(tmp_path):
@@ -365,6 +360,8 @@ MASKS = [  # attributes, expected flag of each value, text that names an unknown
     ({"flag_masks": "1b, 2b", "flag_meanings": "suspect fail"}, {1: 3, 2: 4, 0: 0}, ""),
     ({"flag_values": [0, 1, 2], "flag_meanings": "raw accepted rejected"}, {0: 3, 1: 3, 2: 3}, "raw ("),
     ({"flag_values": [1, 2], "flag_meanings": "good bad"}, {1: 1, 2: 4, 5: 3}, " 5 ("),
+    ({"flag_values": [1, 2, 3, 4, 9], "flag_meanings": "PASS NOT_EVALUATED SUSPECT FAIL MISSING"},
+     {1: 1, 2: 0, 3: 3, 4: 4, 9: 9}, ""),
     ({"flag_meanings": "good bad"}, {1: 3, 0: 3}, " 0 ("),
     ({"conventions": "Argo reference table 2"}, {1: 1, 4: 4, 8: 2, 6: 3}, " 6 ("),
     ({"sdn_conventions_urn": "SDN:L20::"}, {48: 0, 49: 1, 52: 4, 65: 3, 57: 9}, ""),
@@ -489,29 +486,22 @@ def test_headings_and_velocities_may_contain_different_declinations(tmp_path):
     assert "delete one of the two" in said
 
 
-@pytest.mark.parametrize("of", ["velocity", "flags", "labels"])
-@pytest.mark.parametrize("unlimited", [False, True])
-def test_declared_size_is_checked_before_allocation(tmp_path, of, unlimited):
-    """Small files declare GiB in compressed, chunked variables that were never written, fixed or unlimited."""
+@pytest.mark.parametrize("of", ["UCUR_MAG", "UCUR_MAG_QC"])
+def test_declared_size_is_checked_before_allocation(tmp_path, of):
+    """Small files declare GiB in compressed, chunked variables that were never written."""
     path = tmp_path / "a.nc"
     with netCDF4.Dataset(path, "w") as nc:
-        nc.createDimension("time", None if unlimited else 2000)
-        layouts.dimensions(nc, bin=1_000_000 if of == "velocity" else 4, dir=2_100_000_000 if of == "labels" else 3)
+        nc.createDimension("time", None)
+        layouts.dimensions(nc, bin=1_000_000 if of == "UCUR_MAG" else 4, beam=300_000)
         nc.createVariable("time", "f8", ("time",)).units = "hours since 2007-09-04"
         nc["time"][:] = np.arange(2000.0)
-        layouts.dimensions(nc, beam=300_000)
-        if of == "labels":
-            nc.coord_sys = "earth"
-            nc.createVariable("dir", "i1", ("dir",), zlib=True)
-            nc.createVariable("vel", "f4", ("dir", "bin", "time"), zlib=True, chunksizes=(1, 4, 100)).units = "m s-1"
-        for name in () if of == "labels" else ("UCUR_MAG", "VCUR_MAG"):
+        for name in ("UCUR_MAG", "VCUR_MAG"):
             nc.createVariable(name, "f4", ("time", "bin"), zlib=True, chunksizes=(10, 4)).units = "m s-1"
-        if of == "flags":
-            nc.createVariable("UCUR_MAG_QC", "i1", ("time", "bin", "beam"), zlib=True, chunksizes=(10, 4, 100))
+        if of == "UCUR_MAG_QC":
+            nc.createVariable(of, "i1", ("time", "bin", "beam"), zlib=True, chunksizes=(10, 4, 100))
     assert path.stat().st_size < 40_000
-    name = {"velocity": "UCUR_MAG", "flags": "UCUR_MAG_QC", "labels": "dir"}[of]
     said = refused(path, orientation="up")
-    assert f"{name}: expected arrays that take up to 1024 MB of memory, found" in said and "in 0.0 MB of files" in said
+    assert f"{of}: expected arrays that take up to 1024 MB of memory, found" in said and "in 0.0 MB of files" in said
 
 
 def test_declared_chunk_size_is_checked_before_allocation(tmp_path):

@@ -142,9 +142,3 @@ def test_west_variation_is_negative_and_deviation_is_reported(tmp_path):
     read = log(tmp_path, [sentence(x.replace(".0,,,", ".0,2.0,E,")) for x in content])
     assert set(read.variation_deg) == {-10.0}
     assert "6 HDG sentences state a deviation of their own" in read.warnings[0]
-
-
-@pytest.mark.parametrize("content", [b"", b"no sentences here\n", rmc(1, 5.0).encode()])
-def test_file_without_pairs_is_refused(tmp_path, content):
-    with pytest.raises(InputError, match="expected sentences HDG and RMC with a right checksum, found 0 HDG"):
-        log(tmp_path, content)

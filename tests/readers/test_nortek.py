@@ -193,26 +193,6 @@ def test_error_codes_and_low_correlation_are_flagged(tmp_path):
     assert found.quality[0].tolist() == [GOOD, GOOD, GOOD, BAD, GOOD]
 
 
-@pytest.mark.parametrize("make", [of_older, lambda samples: of_signature(samples, ENU)])
-def test_truncation_or_flipped_byte_loses_one_sample(tmp_path, make):
-    samples = drawn(3 if make is of_older else 4, n=12)
-    data = make(samples)
-    whole = read(tmp_path, data)
-    head = len(data) - 12 * (len(make(samples)) - len(make(samples[:-1])))
-    rng = np.random.default_rng(9)
-    for at in rng.integers(head, len(data), 60).tolist():
-        flipped = data[:at] + bytes([data[at] ^ 1 << int(rng.integers(8))]) + data[at + 1 :]
-        found = read(tmp_path, flipped)
-        assert len(found.time_s) == 11 and np.isin(found.time_s, whole.time_s).all()
-        length = (len(data) - head) // 12
-        assert found.counts["bytes_skipped"] == length and found.counts["damaged"] <= 1
-        assert f"{length} of {len(data)} bytes belong to no good record" in found.warnings[0]
-        assert found.counts["lost"] == (0 if at < head + length or at >= len(data) - length else 1)
-        if at > head + length:
-            kept = read(tmp_path, data[:at])
-            assert len(kept.time_s) == (at - head) // length
-
-
 def test_lost_samples_are_counted_and_junk_is_skipped(tmp_path):
     data = of_older(drawn(n=40))
     length = len(of_older(drawn(n=40))) - len(of_older(drawn(n=40)[:-1]))

@@ -1,9 +1,7 @@
 """Would catch values unlike mhkit's or a known solution, and damage that costs more than its ensemble."""
 
-import contextlib
 import gc
 import json
-import re
 import time
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -23,7 +21,6 @@ from compasslib.readers.pd0 import currents, frames
 from compasslib.readers.pd0.fields import Coordinates
 from compasslib.records import PROBABLY_GOOD, Record, take
 from compasslib.types import Floats
-from tests.world import fuzz
 from tests.world.pd0_encoder import MISSING, START, assemble, ensemble, fixed_leader, variable_leader
 from tests.world.sea import mhkit, real
 
@@ -76,9 +73,6 @@ def framed(path: Path, window: int = files.CHUNK_BYTES) -> tuple[list[int], list
     return starts, skipped
 
 
-# -------------------------------------------------------------------------------------------- known solutions
-
-
 def test_file_in_beam_coordinates_reproduces_known_solutions(tmp_path: Path) -> None:
     for i, case in enumerate(json.loads(real("vectors.json").read_text())["pd0_beam_to_earth"]):
         beams = [round(1000 * b) for b in case["beams"]]
@@ -110,8 +104,8 @@ def test_three_beam_solution_is_exact_for_zero_error_velocity(beams: list[float]
 
 
 def test_two_missing_beams_are_not_filled() -> None:
-    beams, where = currents.fill_missing_beam(np.array([[np.nan, np.nan, 1.0, 2.0], [1.0, 2.0, 3.0, 4.0]]))
-    assert not where.any() and np.isnan(beams[0, :2]).all()
+    beams, where = currents.fill_missing_beam(np.array([[np.nan, np.nan, 1.0, 2.0], [1.0, 2.0, np.nan, 4.0]]))
+    assert where.tolist() == [False, True] and np.isnan(beams[0, :2]).all()
 
 
 @pytest.mark.parametrize("up", [True, False])
@@ -151,9 +145,6 @@ def test_true_pitch_from_recorded_tilts() -> None:
     )
 
 
-# ------------------------------------------------------------------------------------------------- real files
-
-
 @pytest.mark.parametrize(("name", "count"), GOOD_ENSEMBLES.items())
 def test_real_files_are_read_completely(name: str, count: int) -> None:
     path = real(f"pd0/{name}")
@@ -174,10 +165,7 @@ def test_eh2_reports_damage_and_orientation() -> None:
     assert not record.looks_up and record.beam_angle_deg == 20.0
     assert record.east.shape == (3265, 27)
     text = " ".join(record.warnings)
-    assert "32 places in them begin like an ensemble and fail its checksum" in text
-    assert "by the ensemble numbers 20 ensembles are lost" in text
-    assert "bytes 769872 to 771583 (checksum)" in text
-    assert "2276464 to 2276606 (length runs past the end of the file)" in text
+    assert "bytes 769872 to 771583 (checksum)" in text and "2276464 to 2276606 (length runs past the end" in text
     assert "looked up" not in text  # seven ensembles recorded on deck are counted without a warning
     assert str(np.datetime64(int(record.time_s[0]), "s")) == "2006-05-30T06:00:00"
 
@@ -227,9 +215,6 @@ def test_mhkit_decodes_the_same_values(name: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(theirs.vel.values.transpose(2, 1, 0), ours.velocity[:count], rtol=1e-6, atol=1e-7)
 
 
-# --------------------------------------------------------------------------------------------- damaged files
-
-
 def test_truncation_at_any_byte_loses_one_ensemble(tmp_path: Path) -> None:
     parts = series(3)
     for cut in range(1, len(parts[2])):
@@ -239,47 +224,10 @@ def test_truncation_at_any_byte_loses_one_ensemble(tmp_path: Path) -> None:
         assert skipped == [frames.Skipped(2 * len(parts[0]), cut, reason, 0)]
 
 
-@given(place=st.integers(0, 6 * len(ensemble(PROFILE)) - 1), flip=st.integers(1, 255))
-@settings(derandomize=True, max_examples=120, deadline=None)
-def test_flipped_byte_loses_one_ensemble(place: int, flip: int, tmp_path_factory: pytest.TempPathFactory) -> None:
-    parts = series(6)
-    data = bytearray(b"".join(parts))
-    data[place] ^= flip
-    path = written(tmp_path_factory.mktemp("flip"), bytes(data))
-    starts, skipped = framed(path)
-    hit, size = place // len(parts[0]), len(parts[0])
-    assert starts == [size * i for i in range(6) if i != hit]
-    assert [(each.offset, each.length) for each in skipped] == [(hit * size, size)]
-    left = pd0.decode(path)
-    np.testing.assert_array_equal(left.velocity, velocity_of(5))
-    record = read(path)
-    assert record.counts["lost"] == (1 if 0 < hit < 5 else 0)
-
-
 def velocity_of(count: int) -> NDArray[np.float64]:
     """Get the profile in m/s, repeated ``count`` times: (count, 3, 4)."""
     rows = np.where(np.array(PROFILE) == MISSING, np.nan, np.array(PROFILE) / 1000.0)
     return np.broadcast_to(rows, (count, 3, 4))
-
-
-def test_junk_before_between_and_after_ensembles_is_skipped(tmp_path: Path) -> None:
-    parts = series(3)
-    path = written(tmp_path, b"ADCP\r\n", parts[0], b"\x7f\x7f\x00lost", parts[1], b"\0", parts[2], b"\xff" * 500)
-    starts, skipped = framed(path)
-    assert len(starts) == 3
-    reasons = frames.BEFORE_THE_FIRST, frames.PAST_THE_END, frames.NO_ENSEMBLE, frames.NO_ENSEMBLE
-    assert [(each.length, each.reason) for each in skipped] == [*zip((6, 7, 1, 500), reasons, strict=True)]
-    assert "skipped bytes 0 to 5 (junk before the first ensemble)" in " ".join(read(path).warnings)
-
-
-def test_every_byte_is_accounted_for_under_random_damage(tmp_path: Path) -> None:
-    clean = b"".join(series(12, percent_good=[[10, 0, 0, 80]] * 3))
-    for seed in range(60):
-        rng = np.random.default_rng(seed)
-        path = written(tmp_path, fuzz.damaged(clean, rng), name=f"{seed}.000")
-        assert framed(path) == framed(path, int(rng.integers(1, 400)))
-        with contextlib.suppress(InputError):
-            assert read(path).counts["bytes_total"] == path.stat().st_size
 
 
 @pytest.mark.parametrize("filler", [b"\x7f", b"\xff", b"\x00", b"\x7f\x7f\x46\x00\x00\x01\x08\x00"])
@@ -291,18 +239,6 @@ def test_malicious_filler_is_scanned_in_linear_time(filler: bytes, tmp_path: Pat
     assert time.process_time() - begun < 8.0
     assert starts == [] and len(skipped) == 1
     assert "expected PD0 ensembles" in refused(path)
-
-
-def test_alternating_layouts_and_damage_are_read_in_linear_time(tmp_path: Path) -> None:
-    short, long, broken = ensemble(PROFILE[:1]), ensemble(PROFILE), ensemble(PROFILE)[:-1] + b"\0"
-    path = written(tmp_path, (short + long + broken) * 1000)
-    begun = time.process_time()
-    record = read(path)
-    assert time.process_time() - begun < 8.0
-    assert np.isfinite(record.east[0::2, 1:2]).sum() == 0 and np.isfinite(record.east[1::2, :2]).all()
-    assert record.counts["ensembles"] == 2000 and record.counts["damaged"] == 1000
-    assert record.counts["configurations"] == 2
-    assert "and 980 more ranges" in " ".join(record.warnings)
 
 
 def test_lost_ensembles_are_counted_only_across_skipped_bytes(tmp_path: Path) -> None:
@@ -331,28 +267,10 @@ def test_ensembles_without_velocity_are_counted_and_dropped(tmp_path: Path) -> N
     assert "found 2 ensembles without velocities" in refused(written(tmp_path, bare, bare))
 
 
-# -------------------------------------------------------------------------------------- files without ensembles
-
-
-@pytest.mark.parametrize(
-    ("content", "found"),
-    [(b"", "an empty file"), (b"date,heading\n2007-09-04,12\n", "a file that begins with b'date,heading\\n200'")],
-)
-def test_file_without_ensembles_is_refused_in_one_line(content: bytes, found: str, tmp_path: Path) -> None:
-    path = written(tmp_path, content)
-    expected = f"expected PD0 ensembles (7F 7F) with velocities, found {found}; check that format: pd0"
-    with pytest.raises(InputError, match=re.escape(expected)):
-        pd0.decode(path)
-    assert expected in refused(path)
-
-
 def test_directory_missing_file_and_no_file_are_refused(tmp_path: Path) -> None:
     assert "expected a readable file, found Is a directory; check" in refused(tmp_path)
     assert "none.000: expected a readable file, found No such file" in refused(tmp_path / "none.000")
     assert "expected at least one PD0 file" in refused()
-
-
-# --------------------------------------------------------------------------------------------------- fields
 
 
 def test_every_field_is_decoded_as_encoded(tmp_path: Path) -> None:
@@ -528,9 +446,6 @@ def test_timestamps_at_the_start_of_long_averages_are_reported(
         f"clock_offset_seconds: -{half} moves it there."
     )
     assert read(written(tmp_path, *series(30, fixed=fixed))).warnings == (said,) * (half > 0)
-
-
-# ------------------------------------------------------------------------------- configurations and coordinates
 
 
 def test_two_configurations_in_one_file_are_read(tmp_path: Path) -> None:
@@ -717,12 +632,3 @@ def test_orientation_of_the_metadata_takes_precedence(tmp_path: Path) -> None:
     up = read(path, orientation="up")
     assert up.looks_up and up.counts["orientation_disagrees"] == 2 and up.east[0] == silent.east[1]
     assert up.warnings == ("2 of 3 ensembles say that they looked down; up counts, as the metadata do.",)
-
-
-def test_files_are_sorted_by_time(tmp_path: Path) -> None:
-    whole = series(5)
-    a, b = written(tmp_path, *whole[:2], name="a.000"), written(tmp_path, *whole[2:], name="b.000")
-    one, other = read(a, b), read(b, a)
-    assert np.diff(other.time_s).tolist() == [3600.0] * 4
-    np.testing.assert_array_equal(other.east, one.east)
-    np.testing.assert_array_equal(other.heading_deg, one.heading_deg)

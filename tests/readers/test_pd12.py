@@ -68,27 +68,6 @@ def test_lost_and_damaged_ensembles_are_counted_and_reported(tmp_path):
         assert f"1 {line}" in said
 
 
-@pytest.mark.parametrize("cut", range(1, 60, 7))
-def test_truncated_file_gives_its_intact_ensembles(tmp_path, cut):
-    whole = framed(series())
-    record = read(tmp_path / "a.dat", whole[:-cut])
-    np.testing.assert_array_equal(record.east, PROFILES[: len(record.east), :, 0] / 1000.0)
-    assert len(record.east) >= 79
-
-
-@pytest.mark.parametrize(
-    ("data", "line"),
-    [
-        (b"no ensemble at all", "expected an RDI PD12 file, found a text"),
-        (ensemble(1, START, 0.0, [[0] * 4]).replace(b"\x00", b"\x01"), "1 that are damaged"),
-        (b"", "an empty file"),
-    ],
-)
-def test_file_without_ensembles_is_refused(tmp_path, data, line):
-    with pytest.raises(InputError, match=line):
-        read(tmp_path / "a.dat", data)
-
-
 def test_ensemble_with_fewer_components_is_refused(tmp_path):
     body = bytearray(ensemble(1, START, 0.0, [[0] * 4])[:-4])  # without its last component
     body[2], body[31] = body[2] - 2, 0x2E

@@ -17,7 +17,7 @@ from compasslib.config.schema import Instrument
 from compasslib.errors import InputError
 from compasslib.readers import iaga2002
 from tests.world.pd0_encoder import ensemble
-from tests.world.sea import SHARED, real
+from tests.world.sea import real
 
 UP = {"orientation": "up", "direction_reference": "magnetic"}
 TRUE_UP = UP | {"direction_reference": "true"}
@@ -152,12 +152,6 @@ def test_calibrations_of_wild_files():
     series = iaga2002.read([real("wild/iaga_variation_hdzf.min")])
     with pytest.raises(InputError, match="a variation about zero: the baseline is missing"):
         observatory.check_field(series, (series.latitude, series.longitude))
-
-
-@pytest.mark.skipif(not SHARED.exists(), reason="no ../shared/data")
-def test_every_wild_file_has_a_row():
-    rows = {row[0] for row in (*FILES, *DRAFTS)} | {"swing_hdg_holds_true.nmea", "iaga_variation_hdzf.min", "README.md"}
-    assert {path.name for path in (SHARED / "wild").iterdir()} == rows
 
 
 def netcdf(path: Path, first: dict, second: dict, of_file=(), names=("u", "v"), **series) -> Path:

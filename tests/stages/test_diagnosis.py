@@ -31,38 +31,19 @@ def describe(folder: Path, name: str, drawn: world.Drawn, diagnose: dict) -> Non
     pairs = drawn.pairs
     time = np.datetime_as_string(pairs.time_s.astype("datetime64[s]"), unit="s")
     water = (pairs.upper_east + 1j * pairs.upper_north) * np.conj(angles.phasor(90.0 - pairs.heading_deg))
-    top = write(
-        folder / "raw/top.csv",
-        time=time,
-        depth=pairs.upper_depth_m,
-        x=water.real,
-        y=water.imag,
-        heading=pairs.heading_deg,
-        tilt_x=pairs.pitch_deg,
-        tilt_y=pairs.roll_deg,
-        temperature=drawn.covariates["temperature"],
-    )
-    deep = write(
-        folder / "raw/deep.csv", time=time, depth=pairs.lower_depth_m, east=pairs.lower_east, north=pairs.lower_north
-    )
-    roles = ("time", "depth", "x", "y", "heading", "tilt_x", "tilt_y", "temperature")
-    own, below = ({role: role for role in names} for names in (roles, ("time", "depth", "east", "north")))
+    top = {"time": time, "depth": pairs.upper_depth_m, "x": water.real, "y": water.imag, "heading": pairs.heading_deg}
+    top |= {"tilt_x": pairs.pitch_deg, "tilt_y": pairs.roll_deg, "temperature": drawn.covariates["temperature"]}
+    deep = {"time": time, "depth": pairs.lower_depth_m, "east": pairs.lower_east, "north": pairs.lower_north}
+    instruments = {
+        role: {"format": "table", "files": write(folder / f"raw/{role}.csv", **columns), "depth": depth,
+               "columns": {column: column for column in columns}}
+        for role, columns, depth in (("top", top, 100), ("deep", deep, 120))
+    }  # fmt: skip
     mooring = {
-        "name": name,
-        "latitude": 65.0,
-        "longitude": -33.0,
-        "water_depth": 2000,
-        "start": "2000-01-01",
-        "end": "2020-01-01",
-        "declination": 0,
-        "compromised": "top",
-        "reference": "deep",
-        "instruments": {
-            "top": {"format": "table", "files": top, "depth": 100, "columns": own},
-            "deep": {"format": "table", "files": deep, "depth": 120, "columns": below},
-        },
+        "name": name, "latitude": 65.0, "longitude": -33.0, "water_depth": 2000, "start": "2000-01-01",
+        "end": "2020-01-01", "declination": 0, "compromised": "top", "reference": "deep", "instruments": instruments,
         "diagnose": diagnose,
-    }
+    }  # fmt: skip
     path = folder / f"config/moorings/{name}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(yaml.safe_dump(mooring))
