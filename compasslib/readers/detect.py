@@ -111,11 +111,7 @@ _PLAIN = bytes([*range(9, 14), *range(32, 127), *range(0xA0, 0xFF)])
 
 
 def detect_kind(path: str | Path) -> Kind | None:
-    """Detect the kind of a file, None if unknown; the name of a gzip file includes the kind of its content.
-
-    Raises:
-        InputError: the file cannot be read.
-    """
+    """Detect the kind of a file, None if unknown; the name of a gzip file includes the kind of its content."""
     from compasslib.readers.pd0.frames import scan
 
     try:
@@ -147,9 +143,6 @@ def format_hints(
         offered: formats that the error may recommend.
         advice: advice if the detected format is not offered; by default that of the detected kind.
         skipped: whether the reader was told to skip the header above a table.
-
-    Raises:
-        InputError: the reader's own if every file is of its format or unknown, else one that names the kind.
     """
     try:
         yield

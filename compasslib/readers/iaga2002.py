@@ -28,11 +28,7 @@ SETS = ("D", "XY")  # sets of components that determine the declination
 
 
 def read(paths: Sequence[str | Path]) -> FieldSeries:
-    """Read the series of one observatory from its files, sorted by time without repeated times.
-
-    Raises:
-        InputError: a file is not of this format, holds no rows or no declination, or is of another station.
-    """
+    """Read the series of one observatory from its files, sorted by time without repeated times."""
     with detect.format_hints("iaga2002", paths, advice=ADVICE):
         headers, tables, damaged = zip(*(_read_file(Path(path)) for path in paths), strict=True)
     stations = [header.get("iaga code", "").upper() for header in headers]

@@ -49,10 +49,6 @@ def read(
         columns: role -> header or number, and ``scale``, the factor of velocities to m/s, by default that of the unit
             in headers or unit lines, else 1; x is forward, y to port.
         **layout: fields of ``delimited.Layout``.
-
-    Raises:
-        InputError: a file or a column is missing, a time or number cannot be parsed, or the table contradicts
-            ``scale`` or ``direction_reference``.
     """
     headers = {role: column for role, column in columns.items() if role != "scale" and column is not None}
     known, form = vocabulary.parse_flag_settings(flags), Layout.from_settings(layout)
@@ -225,9 +221,6 @@ def read_series(covariate: Mapping[str, Any]) -> tuple[Floats, Floats, tuple[str
 
     Args:
         covariate: section of the mooring file: files, columns (time or date and clock, value) and the keys of tables.
-
-    Raises:
-        InputError: a file or a column is missing, a cell cannot be parsed, or no row has both a time and a value.
     """
     headers = {role: header for role, header in covariate["columns"].items() if header is not None}
     paths = [Path(file) for file in covariate["files"]]

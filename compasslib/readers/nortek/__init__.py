@@ -65,11 +65,7 @@ _HEAD = block_type(sensors=(4, "u1"), khz=(6, "<u2"), matrix=(30, "(3,3)<i2"))
 
 
 def decode_older(packets: Packets) -> Samples:
-    """Decode the samples of a file of the older format.
-
-    Raises:
-        InputError: the file lacks a configuration or velocities, has two configurations, or is of another instrument.
-    """
+    """Decode the samples of a file of the older format."""
     user, head = _configuration(packets, USER, _USER), _configuration(packets, HEAD, _HEAD)
     kinds = [kind for kind in VELOCITY if (packets.kind == kind).any()]
     if len(kinds) != 1:
@@ -176,12 +172,8 @@ def header_of(path: Path) -> Path | None:
 
 
 def decode_converted(header: Path) -> Samples:
-    """Decode the samples of a conversion by its header file.
-
-    Raises:
-        InputError: a file is absent or damaged, or the header does not state what its columns are.
-    """
-    text = read_text(header)[0].decode()
+    """Decode the samples of a conversion by its header file."""
+    text = read_text(header)[0]
     pieces = _SECTION.split(text)
     columns = {
         suffix.lower(): {name.lower(): int(k) for k, name in reversed(_COLUMN.findall(body))}  # dbar stands before m
@@ -292,10 +284,6 @@ def read(
     """Read the files of one instrument in order of time, with currents rotated by the recorded magnetic heading.
 
     Settings override what the file states.
-
-    Raises:
-        InputError: a file is unreadable or holds no velocities, files do not belong together, the instrument lay on
-            its side, or the serial number differs.
     """
     if not paths:
         expected, advice = "at least one Nortek file", "name the instrument's files"
