@@ -131,10 +131,9 @@ def read_table(
     named = {role: [header] if isinstance(header, str | int) else [*header] for role, header in headers.items()}
     head = read_head(path, [header for each in named.values() for header in each], layout)
     places = {role: [_place(path, head, role, header, advice) for header in each] for role, each in named.items()}
-    wanted = {place for each in places.values() for place in each}
-    units = _count_units(head, sorted(wanted), head.sample)
-    body = open_body(path, head, layout, skip=units)
-    written = unit_lines(head, sorted(wanted))
+    wanted = sorted({place for each in places.values() for place in each})
+    body = open_body(path, head, layout, skip=_count_units(head, wanted, head.sample))
+    written = unit_lines(head, wanted)
     said = {
         role: tuple(row[place].strip() for place in each for row in (head.names, *written))
         for role, each in places.items()

@@ -39,12 +39,8 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
     rows = np.concatenate(tables, axis=1)
     _, first = np.unique(rows[0], return_index=True)
     time_s, declination, horizontal, vertical = rows[:, first]
-    counts = {
-        "rows": rows.shape[1],
-        "damaged": sum(damaged),
-        "repeated": rows.shape[1] - len(first),
-        "missing": int(np.sum(~np.isfinite(declination))),
-    }
+    repeated, missing = rows.shape[1] - len(first), int(np.sum(~np.isfinite(declination)))
+    counts = {"rows": rows.shape[1], "damaged": sum(damaged), "repeated": repeated, "missing": missing}
     texts = {
         "damaged": "rows are damaged, or their date and day of the year disagree; they are left out",
         "repeated": "rows repeat an instant; the first of each counts",

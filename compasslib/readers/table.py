@@ -91,8 +91,7 @@ def to_record(
     level = table.get("depth", table.get("pressure", np.zeros(len(row))))
     series = {field: table[role][first] for role, field in SERIES.items() if role in table}
     if "heading" in table:
-        heading = table["heading"][first]
-        series["heading_deg"] = np.where(np.isfinite(heading), angles.wrap360(heading), np.nan)
+        series["heading_deg"] = angles.wrap360(table["heading"][first])
         series["heading_quality"] = table.get("flag_heading", np.full(len(row), GOOD))[first]
     if of_flow:
         worst = vocabulary.worst_flag([flag.astype(int) for flag in of_flow])

@@ -156,9 +156,8 @@ def _record(file: File, time_s: Floats, time_flags: Flags) -> Record:
     if np.any(in_velocity):
         by = in_velocity[:, None] if in_velocity.ndim else in_velocity
         east, northward = angles.turn(east, northward, -by)
-    heading = recorded + attributes.heading_alignment(file, heading_variable)
-    heading = np.full(n, np.nan) if in_heading is None else heading - in_heading
-    heading = np.where(np.isfinite(heading), angles.wrap360(heading), np.nan)
+    added = attributes.heading_alignment(file, heading_variable)
+    heading = angles.wrap360(recorded + added - (np.nan if in_heading is None else in_heading))
     ranges, looks_up, depth = _bins(file, n, east.shape[1])
     by_depth = np.lexsort((depth, time_s))
     again = int(np.sum((np.diff(time_s[by_depth]) == 0.0) & (np.diff(depth[by_depth]) > 0.0)))
