@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from compasslib.errors import InputError
 
 MEGABYTE = 1 << 20
-LARGEST_TEXT = 256 * MEGABYTE  # of one file, decompressed; parsing takes some 19 times as much memory
+LARGEST_TEXT = 256 * MEGABYTE  # of one file, decompressed; parsing takes some 25 times as much memory
 LARGEST_ARRAYS = 1024 * MEGABYTE  # of one file
 GROWTH = 16  # allowed size of arrays, by that of their files; recordings need less
 CHUNK_BYTES = 2 * MEGABYTE  # read at a time, and searched for escapes
