@@ -245,28 +245,20 @@ def _flag_read(record: Record, least: float) -> Record:
         return replace(record, tests=np.where(flagged, MASKS["flagged_in_file"], np.int32(0)))
     if least == LEAST_PERCENT_GOOD:
         return replace(record, tests=np.where(flagged, MASKS["low_percent_good"], np.int32(0)))
-    percent = _percent_good(record)
+    percent = np.asarray(record.profiles["percent_good"][:], dtype=float)
+    if percent.ndim == 3 and percent.shape[2] != 4:
+        percent = percent.min(axis=2)
+    elif percent.ndim == 3 and record.recorded_in != "beam":
+        percent = percent[..., 0] + percent[..., 3]  # the three- and four-beam solutions
+    elif percent.ndim == 3:
+        ordered = np.sort(percent, axis=2)
+        error = np.asarray(record.profiles.get("error_velocity", percent[..., 0])[:])
+        percent = np.where(np.isnan(error), ordered[..., 1], ordered[..., 0])  # of three beams the second lowest
     allowed = flagged & (percent >= least) & (percent < LEAST_PERCENT_GOOD)
     quality = np.where(allowed, GOOD, record.quality).astype(np.int8)
     tests = np.where(flagged & ~allowed, MASKS["low_percent_good"], np.int32(0))
     sentence = f"fewer than {least:g} % of the pings were good"
     return flag_velocities(replace(record, quality=quality, tests=tests), percent < least, "low_percent_good", sentence)
-
-
-def _percent_good(record: Record) -> Floats:
-    """Compute the share of good pings, (n, m) percent.
-
-    Of four beams it is the minimum, or the second lowest for three-beam solutions; in other coordinates than those of
-    beams it is the sum of columns 1 and 4, the three- and four-beam solutions.
-    """
-    percent = np.asarray(record.profiles["percent_good"][:], dtype=float)
-    if percent.ndim < 3 or percent.shape[2] != 4:
-        return percent if percent.ndim == 2 else percent.min(axis=2)
-    if record.recorded_in != "beam":
-        return percent[..., 0] + percent[..., 3]
-    ordered = np.sort(percent, axis=2)
-    error = np.asarray(record.profiles.get("error_velocity", percent[..., 0])[:])
-    return np.where(np.isnan(error), ordered[..., 1], ordered[..., 0])
 
 
 def _flag_heading_fills(record: Record) -> Record:

@@ -16,7 +16,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, Record, SlowShear
@@ -86,27 +85,20 @@ def usable_velocities(record: Record) -> Bools:
 
 def fit_structure(record: Record) -> StructureFunction | None:
     """Fit the structure function of velocity against the distance of two bins; None if there are too few."""
-    usable = usable_velocities(record)
-    range_m, share = np.median(record.bin_range_m, axis=0), usable.mean(axis=0)
-    near = _sound_bins(share, range_m)
-    velocity = np.where(usable[:, near], record.east[:, near] + 1j * record.north[:, near], np.nan)
-    return fit_structure_function(velocity, range_m[near])
-
-
-def _sound_bins(share: Floats, range_m: Floats) -> NDArray[np.intp]:
-    """Select up to 8 bins next to the instrument that are good nearly as often as the best, nearest first."""
-    sound = np.flatnonzero(share >= LEAST_GOOD * share.max(initial=0.0))
-    return sound[np.argsort(np.abs(range_m[sound]))[:8]]
+    velocity = np.where(usable_velocities(record), record.east + 1j * record.north, np.nan)
+    return fit_structure_function(velocity, np.median(record.bin_range_m, axis=0))
 
 
 def fit_structure_function(velocity: Complexes, range_m: Floats) -> StructureFunction | None:
     """Fit the structure function to velocities, (n, m) m/s, at ranges, (m,) m; None if there are too few.
 
-    Four bins are needed, as two distances cannot constrain decorrelation. The noise is at least 2 % of half the mean
-    squared difference of adjacent bins.
+    It is fitted to up to 8 bins next to the instrument that are good nearly as often as the best. Four are needed, as
+    two distances cannot constrain decorrelation. The noise is at least 2 % of half the mean squared difference of
+    adjacent bins.
     """
     share = np.isfinite(velocity.real).mean(axis=0) if len(velocity) else np.zeros(len(range_m))
-    near = _sound_bins(share, range_m)
+    sound = np.flatnonzero(share >= LEAST_GOOD * share.max(initial=0.0))
+    near = sound[np.argsort(np.abs(range_m[sound]))[:8]]
     if len(near) < 4:
         return None
     cell_m = float(np.median(np.diff(np.sort(np.abs(range_m[near])))))

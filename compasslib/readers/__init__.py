@@ -1,6 +1,7 @@
 """Read raw files to records: one module or package per format, listed in a registry that plug-ins can extend.
 
-Readers are imported on demand. Samples with missing values are retained and flagged, timed by the instrument's clock:
+Readers are imported on demand. Samples with missing values are retained and flagged, timed by the instrument's clock.
+Every function raises ``InputError`` for a file, column or key that it cannot use:
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from compasslib import angles
-from compasslib.errors import InputError
+from compasslib.errors import InputError, applicable
 from compasslib.readers.files import count_unprintable, read_text_bytes, refuse_mostly_damaged
 from compasslib.types import Floats
 
@@ -65,10 +65,6 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC", ta
 
     The course is of sentences ``RMC`` or ``VTG`` (timed by interpolation between RMC); ``talker``, the sender of the
     headings, is required where several send them.
-
-    Raises:
-        InputError: a file cannot be read, over half of its headings and courses are damaged, several instruments send
-            headings, or there are no headings or no courses to pair.
     """
     counts = Counter[str]()
     fixes, values, talkers = _collect(_sentences(paths, counts, (heading, course)), counts, heading, course, talker)
@@ -90,20 +86,16 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC", ta
             advice="check the file, or name other sentences in columns",
         )
     log = _pair(fixes, values, heading, counts)
-    lost = [f"{counts[key]} {what}" for key, what in LOSSES.items() if counts[key]]
-    warnings = [f"left out of the log: {', '.join(lost)}"] if lost else []
-    if counts["in_blocks"]:
-        side = "before" if counts["heading_first"] else "behind"
-        warnings.append(
-            f"{heading} and {course} come in blocks of one each: {counts['in_blocks']} courses were paired with the "
-            f"heading {side} them, in the order in which the log begins"
-        )
-    if counts["corrected"]:
-        warnings.append(
-            f"{counts['corrected']} HDG sentences state a deviation of their own; "
-            "it is not applied, the sensor's heading counts"
-        )
-    return NmeaLog(**log, counts=dict(counts), warnings=tuple(warnings))
+    lost = ", ".join(f"{counts[key]} {what}" for key, what in LOSSES.items() if counts[key])
+    n, side = counts["in_blocks"], "before" if counts["heading_first"] else "behind"
+    lines = {
+        f"left out of the log: {lost}": lost,
+        f"{heading} and {course} come in blocks of one each: {n} courses were paired with the heading {side} them, "
+        "in the order in which the log begins": n,
+        f"{counts['corrected']} HDG sentences state a deviation of their own; it is not applied, the sensor's heading "
+        "counts": counts["corrected"],
+    }
+    return NmeaLog(**log, counts=dict(counts), warnings=tuple(applicable(lines)))
 
 
 def read_any(path: Path) -> tuple[dict[str, str], list[str], NmeaLog] | None:

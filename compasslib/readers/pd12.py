@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib.errors import InputError, applicable
+from compasslib.errors import InputError
 from compasslib.readers import files
 from compasslib.readers.files import refuse_large_arrays, refuse_mostly_damaged
 from compasslib.readers.pd0.currents import true_pitch
@@ -47,9 +47,6 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
     Args:
         bin_size: distance between adjacent transmitted bins, metres.
         first_bin: distance from the transducer to the middle of the first transmitted bin, metres.
-
-    Raises:
-        InputError: a file cannot be read, no intact ensemble is found, or ensembles lack some of the four components.
     """
     where = ", ".join(map(str, paths))
     frames, counts = _frames(paths)
@@ -82,17 +79,14 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
     missing = int((np.maximum(steps // (int(np.median(steps)) if len(steps) else 1), 1) - 1).sum())
     counts |= {"bad_dates": int(np.sum(~dated)), "ensembles": len(heads), "lost": missing}
     whole = counts["ensembles"] + counts["repeated"] + counts["bad_dates"]
-    lost = {
-        f"{counts['escaped']} of {whole} ensembles came with the modem's escapes, which were undone.": counts[
-            "escaped"
-        ],
-        f"{counts['damaged']} places begin like a PD12 ensemble and fail its checksum; they were left out.": (
-            counts["damaged"]
-        ),
-        f"{counts['lost']} ensembles are missing by their numbers.": counts["lost"],
-        f"{counts['repeated']} ensembles were sent more than once; each counts once.": counts["repeated"],
-        f"{counts['bad_dates']} ensembles have an impossible date and were left out.": counts["bad_dates"],
+    losses = {
+        "escaped": f"of {whole} ensembles came with the modem's escapes, which were undone.",
+        "damaged": "places begin like a PD12 ensemble and fail its checksum; they were left out.",
+        "lost": "ensembles are missing by their numbers.",
+        "repeated": "ensembles were sent more than once; each counts once.",
+        "bad_dates": "ensembles have an impossible date and were left out.",
     }
+    lost = [f"{counts[key]} {text}" for key, text in losses.items() if counts[key]]
     heading = np.where(heads["heading"] < 36000, heads["heading"] / 100.0, np.nan)
     pitch, roll = from_hundredths(heads["pitch"]), from_hundredths(heads["roll"])
     # Shift the bin distances of ensembles that start at a later bin.
@@ -113,7 +107,7 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
         beam_angle_deg=BEAM_ANGLE_DEG,
         profiles={"up": up.astype(np.float32), "error_velocity": error.astype(np.float32)},
         counts=counts,
-        warnings=(COORDINATES, *applicable(lost)),
+        warnings=(COORDINATES, *lost),
     )
 
 

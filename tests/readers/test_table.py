@@ -4,14 +4,13 @@ import re
 import tracemalloc
 from collections import Counter
 from datetime import datetime
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from compasslib.errors import InputError
-from compasslib.readers import cells, delimited, read
+from compasslib.readers import delimited, read
 from compasslib.readers.table import read_series
 from compasslib.records import Record
 from tests.world import tables
@@ -285,9 +284,7 @@ def by_lines(text: str, delimiter: str) -> dict[str, list[float]] | None:
     return {"time": times, **dict(zip(("depth", "east", "north"), map(list, zip(*values, strict=True)), strict=True))}
 
 
-def test_damaged_tables_are_read_as_line_by_line_or_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(cells, "split_rows", partial(cells.split_rows, size=200))
-    monkeypatch.setattr(delimited, "split_rows", cells.split_rows)
+def test_damaged_tables_are_read_as_line_by_line_or_refused(tmp_path):
     rng, headers, outcomes = np.random.default_rng(1), {k: v for k, v in ROLES.items() if k != "scale"}, Counter()
     for _ in range(300):
         data = damaged_table(rng)

@@ -49,7 +49,6 @@ _ZEROS = bytes.maketrans(b"123456789", b"000000000")
 _ROW_CHARACTERS = b"0 \t\r.,+-:/"
 _STAMP = re.compile(rb"00[-/]00[-/]0000 00:00:00")
 _NUMBER = re.compile(rb"[-+]?(?:0++(?:\.0*)?|\.0+)")
-_STAMP_DIGITS = (0, 1, 3, 4, 6, 7, 8, 9, 10, 11, 13, 14, 16, 17)  # of MM-DD-YYYYHH:MM:SS
 _WORDS = re.compile(
     rb"""[ \t,]*(?:sample\ rate:\s*(?P<rate>[\d.]+)
     | profile\s+(?P<profile>\d+)\s*$
@@ -65,11 +64,11 @@ _NUMBER_IN_NAME = re.compile(r"(\d{3,7})(?:\.dec)?(?:\.\w+)?$", re.IGNORECASE)
 
 
 class Statement(NamedTuple):
-    """A header line: its kind (a group of ``_WORDS``), its value, and its byte offset in the file."""
+    """A header line: its kind (a group of ``_WORDS``), its value, and its index in the file."""
 
     kind: str
     value: float
-    offset: int = 0
+    line: int = 0
 
 
 @dataclass(frozen=True)
@@ -115,11 +114,7 @@ class Scans:
 
 
 def read_scans(paths: Sequence[Path]) -> Scans:
-    """Read the scans of several files, text or binary, in the order given.
-
-    Raises:
-        InputError: a file is unreadable or of neither kind, or no file holds a scan.
-    """
+    """Read the scans of several files, text or binary, in the order given."""
     if not paths:
         raise InputError("files", expected=EXPECTED, found="no file", advice="name the instrument's files")
     parts = [_read_file(path) for path in paths]
@@ -184,7 +179,6 @@ def is_text(data: bytes) -> bool:
 def parse(data: bytes, wanted: Callable[[Form], bool], path: Path) -> Text:
     """Parse the rows of the most frequent accepted form in a text file, and divide them into profiles."""
     lines, patterns = data.split(b"\n"), data.translate(_ZEROS).split(b"\n")
-    offset = np.cumsum([0, *(len(line) + 1 for line in lines)])
     counts = Counter(patterns)
     words = {pattern for pattern in counts if pattern.translate(None, _ROW_CHARACTERS)}
     forms: dict[bytes, Form] = {}
@@ -205,26 +199,22 @@ def parse(data: bytes, wanted: Callable[[Form], bool], path: Path) -> Text:
             damaged.append(k)
         elif pattern in words:
             if statement := _statement(lines[k]):
-                statements.append(statement._replace(offset=int(offset[k])))
+                statements.append(statement._replace(line=k))
                 inside = statement.kind == "contents"
             elif not inside and pattern.count(b"0") > (len(pattern) + 1) // 4:  # a row with a flipped character
                 damaged.append(k)
     stamped, columns = usual or (False, 0)
-    ends = [patterns[k].find(b":") + 6 if stamped else 0 for k in rows]  # of the time stamps
+    words_of_rows = [lines[k].replace(b",", b" ").split() for k in rows]
     time_s, dated = np.full(len(rows), np.nan), np.ones(len(rows), dtype=bool)
     if stamped and rows:
-        begins = [patterns[k].find(b"0") for k in rows]
-        each = zip(rows, begins, ends, strict=True)
-        stamps = b"".join([lines[k][begin : begin + 10] + lines[k][end - 8 : end] for k, begin, end in each])
-        digits = np.frombuffer(stamps, np.uint8).reshape(-1, 18)[:, _STAMP_DIGITS].astype(np.int64) - ord("0")
-        month, day, century, year, *clock = (10 * digits[:, ::2] + digits[:, 1::2]).T
-        time_s = civil_seconds(100 * century + year, month, day, *clock)
+        stamps = [re.split(rb"[-/:]", b"-".join(row[:2])) for row in words_of_rows]
+        month, day, year, *clock = np.array(stamps).astype(np.int64).T
+        time_s = civil_seconds(year, month, day, *clock)
         dated = np.isfinite(time_s)
-    numbers = b" ".join([lines[k][end:] for k, end in zip(rows, ends, strict=True)])
-    values = np.fromstring(numbers.replace(b",", b" "), sep=" ").reshape(len(rows), columns)
+    values = np.array([row[2 * stamped :] for row in words_of_rows], dtype=float).reshape(len(rows), columns)
     places = np.array(rows, dtype=np.int64)
-    lost = np.sort(offset[np.append(places[~dated], np.array(damaged, dtype=np.int64))])
-    blocks, place = _divide(offset[places[dated]], time_s[dated], lost, statements)
+    lost = np.sort(np.append(places[~dated], np.array(damaged, dtype=np.int64)))
+    blocks, place = _divide(places[dated], time_s[dated], lost, statements)
     if len(blocks) == 1 and blocks[0].number == UNKNOWN:
         blocks = [replace(blocks[0], number=_number_in_name(path))]
     width = columns + 2 * stamped
@@ -275,21 +265,17 @@ def _statement(line: bytes) -> Statement | None:
 
 
 def _divide(
-    offset: Ints, time_s: Floats, damaged: Ints, statements: Sequence[Statement]
+    lines: Ints, time_s: Floats, damaged: Ints, statements: Sequence[Statement]
 ) -> tuple[list[ProfileBlock], Ints]:
-    """Divide rows into profiles by the statements between them, and index each row in its profile.
-
-    Args:
-        offset: (r,) byte offsets of rows; ``damaged`` those of damaged ones.
-    """
+    """Divide rows, (r,) lines, into profiles by the statements between them, and index each row in its profile."""
     ends = [statement for statement in statements if statement.kind != "other"]
-    before = np.searchsorted([statement.offset for statement in ends], offset)
+    before = np.searchsorted([statement.line for statement in ends], lines)
     begins = np.flatnonzero(np.append(True, np.diff(before) > 0)) if len(before) else np.zeros(0, dtype=int)
     between = [ends[a:b] for a, b in pairwise([0, *before[begins].tolist(), len(ends)])]
     times_first = any(statement.kind == "off" for statement in between[0])
     cuts = [0, *(_cut([each.kind for each in part], times_first) for part in between[1:-1]), len(between[-1])]
     blocks, rate = list[ProfileBlock](), np.nan
-    place = np.arange(len(offset)) + np.searchsorted(damaged, offset)
+    place = np.arange(len(lines)) + np.searchsorted(damaged, lines)
     for k, (begin, end) in enumerate(pairwise([*begins.tolist(), len(before)])):
         head, tail = between[k][cuts[k] :], between[k + 1][: cuts[k + 1]]
         known = {statement.kind: statement.value for statement in [*reversed(tail), *head]}
@@ -301,8 +287,8 @@ def _divide(
                 pauses = np.flatnonzero(np.abs(np.diff(time_s[begin:end])) > PAUSE_S) + 1 + begin
         for first, stop in pairwise([begin, *pauses.tolist(), end]):
             introduced = between[k] and first == begin
-            start = between[k][-1].offset if introduced else int(offset[first]) if first else 0
-            place[first:stop] -= np.searchsorted(offset, start) + np.searchsorted(damaged, start)
+            start = between[k][-1].line if introduced else int(lines[first]) if first else 0
+            place[first:stop] -= np.searchsorted(lines, start) + np.searchsorted(damaged, start)
             blocks.append(ProfileBlock(first, stop, number, rate, on, off))
     return blocks, place
 

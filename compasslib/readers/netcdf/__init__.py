@@ -66,9 +66,6 @@ def read(
 
     Settings override what the file states; ``columns`` (role -> variable name) is for names that do not identify the
     variable, ``flags`` for flag meanings or values that are in no known vocabulary.
-
-    Raises:
-        InputError: a file is unreadable, or its variables, units, bins or reference north are undetermined.
     """
     settings = {
         "columns": {role: name for role, name in (columns or {}).items() if name is not None},
@@ -127,27 +124,10 @@ def _open(path: Path, nc: Any, stated: Mapping[str, Any], settings: Mapping[str,
 
 def _record(file: File, time_s: Floats, time_flags: Flags) -> Record:
     file, n = _with_bins(file), len(time_s)
-    roles = _flow_roles(file)
-    parts = [_component(file, role) for role in roles]
-    east, northward = (values(file, role, variable).reshape(n, -1) for role, variable in zip(roles, parts, strict=True))
-    pair = parts
-    if roles[0] == "direction":
-        towards = np.where((east < -180.0) | (east > 360.0), np.nan, east)
-        east, northward = angles.components(northward, towards)
-        pair = parts[:1] * 2  # a direction has no other frame
-    known = [flags for variable in parts if (flags := attributes.read_flags(file, variable)) is not None]
-    quality = vocabulary.worst_flag(known or [np.full(east.shape, GOOD)]).reshape(n, -1)
-    heading_variable = find(file, "heading", (file.time,))
-    recorded = np.full(n, np.nan)
-    if heading_variable is not None:
-        recorded = np.broadcast_to(values(file, "heading", heading_variable), n)
-        wrong = (recorded < -180.0) | (recorded > 360.0)  # as -999 and 65535 of a logger
-        if wrong.any():
-            file.note(f"{int(wrong.sum())} headings are no angles and count as missing.")
-        recorded = np.where(wrong, np.nan, recorded)
-    stated_flags = attributes.read_flags(file, heading_variable)
-    heading_flags = vocabulary.worst_flag([GOOD if stated_flags is None else stated_flags, time_flags])
-    flow, by_heading = _turn_other_frame(file, pair, (east, northward, _velocity(file, "up")), recorded)
+    pair, stored, quality = _read_flow(file, n)
+    heading_variable, recorded, heading_flags = _read_heading(file, n)
+    heading_flags = vocabulary.worst_flag([heading_flags, time_flags])
+    flow, by_heading = _turn_other_frame(file, pair, stored, recorded)
     if by_heading:
         quality = vocabulary.worst_flag([quality, heading_flags[:, None]])
     east, northward, up = flow
@@ -159,9 +139,8 @@ def _record(file: File, time_s: Floats, time_flags: Flags) -> Record:
     if np.any(in_velocity):
         by = in_velocity[:, None] if in_velocity.ndim else in_velocity
         east, northward = angles.turn(east, northward, -by)
-    heading = recorded + attributes.heading_alignment(file, heading_variable)
-    heading = np.full(n, np.nan) if in_heading is None else heading - in_heading
-    heading = np.where(np.isfinite(heading), angles.wrap360(heading), np.nan)
+    added = attributes.heading_alignment(file, heading_variable)
+    heading = angles.wrap360(recorded + added - (np.nan if in_heading is None else in_heading))
     ranges, looks_up, depth = _bins(file, n, east.shape[1])
     by_depth = np.lexsort((depth, time_s))
     again = int(np.sum((np.diff(time_s[by_depth]) == 0.0) & (np.diff(depth[by_depth]) > 0.0)))
@@ -178,15 +157,6 @@ def _record(file: File, time_s: Floats, time_flags: Flags) -> Record:
     pitch, roll = (_series(file, role, n) for role in ("tilt_x", "tilt_y"))
     if file.text("inst_make") == "TRDI":  # dolfyn stores the tilt sensor's pitch, measured inside the roll
         pitch = true_pitch(pitch, roll)
-    pressure_variable = find(file, "pressure", (file.time,))
-    pressure = _series(file, "pressure", n, pressure_variable)
-    beyond = np.abs(pressure) > DEEPEST_M  # MHKiT writes a pressure below the atmosphere's as 2^32
-    if beyond.any():
-        file.note(f"{int(beyond.sum())} pressures lie beyond {DEEPEST_M} dbar and count as missing.")
-        pressure[beyond] = np.nan
-    if pressure_variable is not None and pressure_variable.name == "PRES" and "IMOS" in file.text("conventions"):
-        file.notes.append(f"PRES of IMOS is absolute: {ATMOSPHERE_DBAR} dbar of atmosphere were subtracted.")
-        pressure -= ATMOSPHERE_DBAR
     return new_record(
         time_s,
         east[:, order],
@@ -196,7 +166,7 @@ def _record(file: File, time_s: Floats, time_flags: Flags) -> Record:
         pitch_deg=pitch,
         roll_deg=roll,
         recorded_in="instrument" if by_heading else "",
-        pressure_dbar=pressure,
+        pressure_dbar=_read_pressure(file, n),
         depth_m=depth,
         temperature_c=_series(file, "temperature", n),
         quality=quality[:, order],
@@ -221,6 +191,46 @@ def _record(file: File, time_s: Floats, time_flags: Flags) -> Record:
             *["direction_reference"] * (not north.word and file.declination is None),
         ),
     )
+
+
+def _read_flow(file: File, n: int) -> tuple[Sequence[Variable], _Flow, Flags]:
+    """Read the two variables of the velocity, (n, m) m/s and flags, and name those that tell its frame."""
+    roles = _flow_roles(file)
+    pair = [_component(file, role) for role in roles]
+    first, second = (values(file, role, variable).reshape(n, -1) for role, variable in zip(roles, pair, strict=True))
+    known = [flags for variable in pair if (flags := attributes.read_flags(file, variable)) is not None]
+    quality = vocabulary.worst_flag(known or [np.full(first.shape, GOOD)]).reshape(n, -1)
+    if roles[0] == "direction":
+        pair = pair[:1] * 2  # a direction has no other frame
+        first, second = angles.components(second, np.where((first < -180.0) | (first > 360.0), np.nan, first))
+    return pair, (first, second, _velocity(file, "up")), quality
+
+
+def _read_heading(file: File, n: int) -> tuple[Variable | None, Floats, Flags]:
+    """Find the variable of the heading, and read it, (n,), with its flags."""
+    variable = find(file, "heading", (file.time,))
+    if variable is None:
+        return None, np.full(n, np.nan), np.full(n, GOOD, dtype=np.int8)
+    heading = np.broadcast_to(values(file, "heading", variable), n)
+    wrong = (heading < -180.0) | (heading > 360.0)  # as -999 and 65535 of a logger
+    if wrong.any():
+        file.note(f"{int(wrong.sum())} headings are no angles and count as missing.")
+    flags = attributes.read_flags(file, variable)
+    return variable, np.where(wrong, np.nan, heading), np.full(n, GOOD, dtype=np.int8) if flags is None else flags
+
+
+def _read_pressure(file: File, n: int) -> Floats:
+    """Read the pressure relative to the atmosphere's, (n,) dbar."""
+    variable = find(file, "pressure", (file.time,))
+    pressure = _series(file, "pressure", n, variable)
+    beyond = np.abs(pressure) > DEEPEST_M  # MHKiT writes a pressure below the atmosphere's as 2^32
+    if beyond.any():
+        file.note(f"{int(beyond.sum())} pressures lie beyond {DEEPEST_M} dbar and count as missing.")
+        pressure[beyond] = np.nan
+    if variable is not None and variable.name == "PRES" and "IMOS" in file.text("conventions"):
+        file.notes.append(f"PRES of IMOS is absolute: {ATMOSPHERE_DBAR} dbar of atmosphere were subtracted.")
+        pressure -= ATMOSPHERE_DBAR
+    return pressure
 
 
 def _with_bins(file: File) -> File:

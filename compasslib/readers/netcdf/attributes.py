@@ -36,11 +36,16 @@ NAMING = ("conventions", "quality_control_conventions", "sdn_conventions_urn", "
 def read_flags(file: File, variable: Variable | None) -> Flags | None:
     """Read the OceanSITES flags of a variable along its dimensions of time and bins; None if it has none.
 
-    Raises:
-        InputError: the flags have dimensions that the variable does not have.
+    An aggregate flag replaces all others.
     """
-    each = [_arrange(file, variable, flag) for flag in _flag_variables(file, variable)] if variable else []
-    return vocabulary.worst_flag(each) if each else None
+    if variable is None:
+        return None
+    names = _links(file)[variable.source.name]
+    summing = [name for name in names if ROLLUP in file.variables[name].text("standard_name")]
+    counted = [name for name in names if not name.endswith(TESTS)]
+    component = variable.name.removeprefix(variable.source.name)
+    chosen = [file.variables.get(name + component, file.variables[name]) for name in summing or counted or names]
+    return vocabulary.worst_flag([_arrange(file, variable, flags) for flags in chosen]) if chosen else None
 
 
 def note_unlinked(file: File) -> None:
@@ -66,15 +71,6 @@ def _links(file: File) -> dict[str, list[str]]:
             if match.end() == len(name) and (stem := name[: match.start()]) in links and name not in links[stem]:
                 links[stem].append(name)
     return links
-
-
-def _flag_variables(file: File, variable: Variable) -> list[Variable]:
-    """Find the flag variables of a variable; an aggregate flag replaces all others."""
-    names = _links(file)[variable.source.name]
-    summing = [name for name in names if ROLLUP in file.variables[name].text("standard_name")]
-    counted = [name for name in names if not name.endswith(TESTS)]
-    component = variable.name.removeprefix(variable.source.name)
-    return [file.variables.get(name + component, file.variables[name]) for name in summing or counted or names]
 
 
 def _states_flags(variable: Variable) -> bool:
@@ -111,7 +107,8 @@ def _decode(file: File, quality: Variable) -> Flags:
         if _is_empty(quality, value):
             empty += n
             continue
-        known = {word or label: vocabulary.flag_of(label, word, file.meanings) for label, word in meanings_of(value)}
+        meanings = meanings_of(_label(value))
+        known = {word or label: vocabulary.flag_of(label, word, file.meanings) for label, word in meanings}
         unknown.update({word: n for word, flag in known.items() if flag is None})
         flags = [PROBABLY_BAD if flag is None else flag for flag in known.values()]
         codes[k] = vocabulary.worst_flag(flags or [NOT_CHECKED])
@@ -134,8 +131,12 @@ def _is_empty(quality: Variable, value: Any) -> bool:
     return is_fill and _label(value) not in _listed(quality.attribute("flag_values"))
 
 
-def _interpreter(file: File, quality: Variable) -> Callable[[Any], list[_Meaning]]:
+def _interpreter(file: File, quality: Variable) -> Callable[[str], list[_Meaning]]:
     """Choose the function that interprets a flag value, by the form in which the variable states meanings."""
+
+    def by_values(table: Mapping[str, str]) -> Callable[[str], list[_Meaning]]:
+        return lambda label: [(label, table.get(label, ""))]
+
     meanings = quality.attribute("flag_meanings")
     words = [word for word in re.split(r"[\s,;]+", meanings.strip()) if word] if isinstance(meanings, str) else []
     words = words or [vocabulary.normalize(word) for word in np.atleast_1d(meanings if meanings is not None else [])]
@@ -149,13 +150,13 @@ def _interpreter(file: File, quality: Variable) -> Callable[[Any], list[_Meaning
         table = dict(zip(values, words, strict=True))
         if not is_number and all(map(str.isdigit, values)):  # characters stated by their codes
             table = {chr(int(value)): word for value, word in table.items()} | table
-        return partial(_by_values, table)
+        return by_values(table)
     texts = [quality.text(name) for name in NAMING]
     texts += [quality.name, file.text("conventions"), file.text("data_type")]
     name, known = vocabulary.find_vocabulary(*texts)
     says = f"those of {name} are taken, which the file names." if name else "the file names no vocabulary."
     file.note(f"{quality.name} does not state what its flags mean: {says}")
-    return partial(_by_values, {str(ord(value)): word for value, word in known.items()} | {**known})
+    return by_values({str(ord(value)): word for value, word in known.items()} | {**known})
 
 
 def _listed(stated: Any) -> list[str]:
@@ -172,15 +173,10 @@ def _label(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _by_values(words: Mapping[str, str], value: Any) -> list[_Meaning]:
-    return [(_label(value), words.get(_label(value), ""))]
-
-
 def _by_masks(
-    file: File, bits: int, words: Sequence[str], masks: Sequence[str], values: Sequence[str], value: Any
+    file: File, bits: int, words: Sequence[str], masks: Sequence[str], values: Sequence[str], label: str
 ) -> list[_Meaning]:
     """List the conditions of a bit field that hold, and the value itself if it has bits or a state without meaning."""
-    label = _label(value)
     number, *fields = (int(text) % 2**bits for text in (label, *masks))
     states = [int(text) % 2**bits for text in values] or fields
     pairs = zip(fields, states, strict=True)
@@ -258,11 +254,7 @@ def _applied(holder: Attributes) -> list[tuple[str, float]]:
 
 
 def resolve_north(file: File, north: North) -> tuple[Floats, Floats | None]:
-    """Determine the declination to remove from velocities, and from headings unless these cannot be used, degrees.
-
-    Raises:
-        InputError: mooring file and netCDF file contradict each other, or leave the declination undetermined.
-    """
+    """Determine the declination to remove from velocities, and from headings unless these cannot be used, degrees."""
     reference, applied = file.reference, file.declination
     if applied is not None:
         if applied.velocity and (reference == TRUE or north.word == MAGNETIC):
@@ -305,11 +297,7 @@ def resolve_north(file: File, north: North) -> tuple[Floats, Floats | None]:
 
 
 def heading_alignment(file: File, heading: Variable | None) -> float:
-    """Determine the degrees to add to headings for the instrument's heading alignment EA.
-
-    Raises:
-        InputError: a nonzero EA without ``heading_alignment`` in the mooring file, or the reverse.
-    """
+    """Determine the degrees to add to headings for the instrument's heading alignment EA."""
     if heading is None:
         return 0.0
     stated, holders = file.alignment, (heading, file)

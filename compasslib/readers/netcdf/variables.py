@@ -146,9 +146,6 @@ def refuse_size(path: Path, variable: netCDF4.Variable) -> None:
     """Reject a variable that declares far more values than its file can contain.
 
     A few bytes can declare any number of values: those never written are not stored, and read as fill values.
-
-    Raises:
-        InputError: see ``files.refuse_large_arrays``.
     """
     stored = variable.chunking()  # chunks are decompressed as a whole
     width = variable.dtype.itemsize if isinstance(variable.dtype, np.dtype) else 8
@@ -167,11 +164,7 @@ def is_ocean_contour(path: Path) -> bool:
 
 
 def find_series(path: Path, nc: netCDF4.Dataset) -> tuple[netCDF4.Dataset | netCDF4.Group, dict[str, Any]]:
-    """Find the variables of a file and its attributes; of OceanContour's groups the averages, or else the bursts.
-
-    Raises:
-        InputError: no group has velocities to east and north.
-    """
+    """Find the variables of a file and its attributes; of OceanContour's groups the averages, or else the bursts."""
     if not nc.groups or nc.variables:
         return nc, attributes_of(nc)
     groups: dict[str, netCDF4.Group] = {}
@@ -249,11 +242,7 @@ class File(Attributes):
 
 
 def find(file: File, role: str, *dimensions: tuple[str | None, ...]) -> Variable | None:
-    """Find the variable of a role that spans one of several sets of dimensions; None without any.
-
-    Raises:
-        InputError: the column map names a variable that does not exist, or several are equally likely.
-    """
+    """Find the variable of a role that spans one of several sets of dimensions; None without any."""
     if name := file.columns.get(role):
         if name not in file.variables:
             shown = f"{name!r}; it has {', '.join(file.variables)}"
@@ -278,11 +267,7 @@ def find(file: File, role: str, *dimensions: tuple[str | None, ...]) -> Variable
 
 
 def values(file: File, role: str, variable: Variable) -> Floats:
-    """Read a variable in the units and sign of records, (n,) or (n, m), NaN where missing.
-
-    Raises:
-        InputError: unknown units, or it has other dimensions longer than 1.
-    """
+    """Read a variable in the units and sign of records, (n,) or (n, m), NaN where missing."""
     factors, unit, scale = FACTORS[role], variable.text("units").strip(), file.columns.get("scale")
     factor = factors.get(unit.lower())
     if not unit:
@@ -300,11 +285,7 @@ def values(file: File, role: str, variable: Variable) -> Floats:
 
 
 def arranged(file: File, variable: Variable) -> Floats:
-    """Read a variable along time and bins, (n,), (m,) or (n, m), with dimensions of length 1 squeezed.
-
-    Raises:
-        InputError: it has other dimensions longer than 1.
-    """
+    """Read a variable along time and bins, (n,), (m,) or (n, m), with dimensions of length 1 squeezed."""
     wanted = [name for name in (file.time, file.bins) if name in variable.dimensions]
     if other := sorted(variable.spans - {*wanted}, key=variable.dimensions.index):
         shown = ", ".join(f"{name} ({file.sizes[name]})" for name in other)
@@ -338,11 +319,7 @@ def time_variable(named: str | None, variables: Mapping[str, Variable]) -> Varia
 
 
 def read_times(file: File, variable: Variable) -> Floats:
-    """Read times as UTC seconds since 1970.
-
-    Raises:
-        InputError: the unit or calendar is not one of real-world times.
-    """
+    """Read times as UTC seconds since 1970."""
     unit, calendar = _unit(variable), variable.text("calendar").lower()
     value = arranged(file, variable).ravel()
     if variable.name == DATENUM:

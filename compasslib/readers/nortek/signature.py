@@ -50,11 +50,7 @@ _SAME = (0, 1, 2, 3, 30, 31, 32, 33, 34, 35)  # offsets of bytes that are equal 
 
 
 def decode(packets: Packets) -> Samples:
-    """Decode the samples of a Signature.
-
-    Raises:
-        InputError: no velocities of data format 3, beam velocities without a matrix, or other than 3 or 4 beams.
-    """
+    """Decode the samples of a Signature."""
     at = np.flatnonzero(packets.kind == TEXT)
     texts = (packets.data[packets.begin[k] + 1 : packets.end[k]].tobytes().decode("latin-1") for k in at)
     text = "\n".join(texts)
