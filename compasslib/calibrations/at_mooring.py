@@ -42,11 +42,7 @@ def carry_to_mooring(
     parts: Sequence[str] = (),  # parts near the mooring's compass
     iron_nT: float = IRON_NT,  # prior standard deviation of hard and of induced iron, see ``transfer_coefficients``
 ) -> tuple[DeviationFit, dict[str, Any]]:
-    """Transfer the exact compass of one calibration, or of one before and one after, to a mooring's field, unfitted.
-
-    Returns:
-        The model, without coefficients if the transfer is impossible, and its origin for deviation.json.
-    """
+    """Transfer one calibration, or one before and one after, to a mooring's field: the model and its origin."""
     sources = [{key: content[key] for key in ("name", "kind", "place")} for content in contents]
     origin: dict[str, Any] = dict(zip(("calibration", "calibration_after"), sources, strict=False))
     if missing := [f"calibration {each['name']}: {why}" for each in contents if (why := _missing_part(each, field))]:

@@ -51,11 +51,7 @@ class BenchReadings:
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Calibrate a compass on a bench.
-
-    ``mounting_deg`` is the clockwise angle from the bench's direction to the instrument's; ``observatory`` and ``spun``
-    name those of the files that record the field, and the readings of the instrument spun in one place.
-    """
+    """Calibrate a compass on a bench, with readings of it spun in one place and a record of the field."""
     spun, observatory = list(settings.get("spun") or ()), list(settings.get("observatory") or ())
     files = [file for file in files if str(file) not in {*spun, *observatory}]
     columns, notes = read_columns(files, settings, (*ROLES, "time_utc") if observatory else ROLES, bounds=TWO_TURNS)
@@ -91,10 +87,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
 
 
 def _correct_field(reference_deg: Floats, time_s: Floats, files: Sequence[str]) -> tuple[Floats, dict[str, Any]]:
-    """Correct reference directions, (n,), for changes of the declination about its mean over the readings.
-
-    Readings at an unknown time or farther than 1.5 sampling intervals from any sample are not corrected.
-    """
+    """Correct reference directions, (n,), for changes of the declination, where recorded within 1.5 intervals."""
     series = iaga2002.read(files)
     known = np.isfinite(series.declination_deg)
     at, declination = series.time_s[known], series.declination_deg[known]
@@ -349,10 +342,7 @@ def split_axes(
     reference_deg: Floats,  # tilts of the platform, (n,), signed or absolute
     recorded_deg: Floats,  # pitch and roll, (2, n)
 ) -> tuple[dict[str, BenchReadings], int, list[str]]:
-    """Assign readings to the tilted axis, level ones to both, with the instrument's signs; repeats are averaged.
-
-    The result is the readings of each axis, the number of readings with both axes tilted, and notes on signs.
-    """
+    """Assign readings to the tilted axis, level ones to both; count those with both tilted, and note changed signs."""
     readings, notes = dict.fromkeys(AXES, BenchReadings(np.zeros(0), np.zeros(0))), list[str]()
     if not len(reference_deg):
         return readings, 0, notes

@@ -31,11 +31,7 @@ WATER = ("mean_of_bins", "predicted")  # expected rms error of one component at 
 
 
 def held_out_headings(pairs: Pairs, fit: DeviationFit) -> Floats:
-    """Correct the heading of each pair by a fit to the other blocks, (n,) degrees, NaN where there is no correction.
-
-    The exact fit starts from the fit to all pairs, so the right fold is assumed to be known. A calibration made
-    elsewhere used no pairs and is not refitted.
-    """
+    """Correct the heading of each pair by a fit to the other blocks that starts from that to all, (n,) degrees."""
     heading = np.full(len(pairs), np.nan)
     block = blocks_by_span(pairs.time_s, max(_block_length(pairs.time_s), 1.0)) % FOLDS
     for fold in range(FOLDS):
@@ -54,9 +50,8 @@ def _block_length(time_s: Floats) -> float:
 def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = None) -> dict[str, Any]:
     """Compose assessment.json: direction differences, upper minus lower, before and after correction, and currents.
 
-    Args:
-        plain: the pairs as the compass of the fit alone would have recorded them, where further effects acted; these
-            effects are estimated from the whole record, not held out.
+    ``plain`` are the pairs without the effects on the compass beyond the fit, which are estimated from the whole
+    record.
     """
     plain = pairs if plain is None else plain
     held_out = held_out_headings(plain, fit) if fit.fitted and len(pairs) else np.full(len(pairs), np.nan)
@@ -172,11 +167,7 @@ def _agreement(east: Floats, north: Floats, pairs: Pairs) -> dict[str, Any]:
 def confidence_intervals(off_deg: Floats, time_s: Floats) -> dict[str, tuple[float, float]]:
     """Compute 95 % intervals of circular mean, rms and median absolute value of autocorrelated differences.
 
-    The effective sample size is that of the series or of its square, whichever is smaller. The interval of the median
-    is based on order statistics; that of the rms is symmetric in its logarithm.
-
-    Args:
-        off_deg: (n,), n > 0, in [-180, 180).
+    That of the median is based on order statistics; that of the rms is symmetric in its logarithm.
     """
     mean, squared = float(angles.wrap180(angles.mean(off_deg))), off_deg**2
     about, rms = angles.difference(off_deg, mean), angles.rms(off_deg)
@@ -218,10 +209,7 @@ def vector_correlation(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> 
 def answer_use(
     diagnosis: Mapping[str, Any], flags: NDArray[np.integer], sigma_deg: Floats
 ) -> dict[str, str | float | None]:
-    """Answer whether the corrected directions can be used: yes, with care, or no, from verdict, flags and uncertainty.
-
-    The limits are chosen, not measured.
-    """
+    """Answer whether the corrected directions can be used: yes, with care, or no, by limits that are chosen."""
     known = np.isfinite(sigma_deg)
     sigma = float(np.median(sigma_deg[known])) if known.any() else None
     n = max(len(flags), 1)  # a record without samples has no good heading

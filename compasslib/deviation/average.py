@@ -57,11 +57,7 @@ class CompassAverage:
 
 
 def average_compasses(at: CompassSeries, heading_deg: Floats) -> CompassAverage:
-    """Average all possible compasses on the branch of given headings; above three standard errors they disagree.
-
-    Args:
-        heading_deg: correct headings by the most probable compass, (n,), degrees, NaN where there is none.
-    """
+    """Average all possible compasses on the branch of the most probable one's headings, (n,) degrees."""
     first = at.sigma(heading_deg)
     shifts, variances, weights = [np.zeros_like(first)], [first**2], [np.full_like(first, at.weight)]
     likeliest = nearest_root(at.roots(), heading_deg)
@@ -93,9 +89,7 @@ IRON_SCALES, ALIGNMENT_SCALES = (0.05, 0.15, 0.5, 1.5), (0.05, 0.35)
 def average_with_none(fit: DeviationFit) -> tuple[DeviationFit, float | None]:
     """Average a fitted exact compass with one that has no deviation, and compute the probability of the latter.
 
-    The covariance is that of the average, including the spread between the hypotheses. Well-determined coefficients
-    hardly change. Where iron is declared, no deviation is no hypothesis. The probability is None if the compass cannot
-    be averaged, see ``has_average``.
+    The probability is None if the compass cannot be averaged; the covariance includes the spread of the hypotheses.
     """
     if not has_average(fit):
         return fit, None
@@ -114,16 +108,9 @@ def has_average(fit: DeviationFit) -> bool:
 def average_coefficients(
     parameters: Floats, covariance: Floats, fit: DeviationFit
 ) -> tuple[Floats, Floats, Floats, float]:
-    """Average estimated parameters over the priors of A..E, those of a compass without deviation among them.
+    """Average A..E and further parameters, (p,), over the priors of A..E, that of no deviation among them.
 
-    Args:
-        parameters: A..E, and further parameters, whose prior is flat, (p,).
-        covariance: (p, p).
-        fit: the fit that states the errors of the reference, and whether iron is declared.
-
-    Returns:
-        Their mean, (p,), covariance, (p, p), the share of an error of A..E that remains, (5, 5), and the probability
-        that there is no deviation.
+    Returns mean, covariance, the share of an error of A..E that remains, (5, 5), and the probability of no deviation.
     """
     estimate, spread_of_fit = parameters[:5], covariance[:5, :5]
     deviated = [
@@ -155,8 +142,7 @@ def average_coefficients(
 def _reference_covariance(fit: DeviationFit) -> tuple[Floats, Floats]:
     """Compute the covariance of the coefficients by the reference's constant and by its iron, (5, 5) each.
 
-    A constant turn e of all directions multiplies u by e^{-ie} and v by e^{ie}: with Re u = 1 again, the coefficients
-    change by e (1 + A^2, AB, AC, AD + E, AE - D).
+    A turn e of all directions multiplies u by e^{-ie}, v by e^{ie}: the change is e (1 + A^2, AB, AC, AD + E, AE - D).
     """
     if fit.reference is None:
         return np.zeros((5, 5)), np.zeros((5, 5))

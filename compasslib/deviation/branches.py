@@ -57,9 +57,7 @@ def choose_branches(
 ) -> HeadingDecision:
     """Choose the heading at each sample of a compass that may be folded.
 
-    Args:
-        overlap: indices of the samples at which the reference overlaps, (k,).
-        scatter: density of the heading observed there, on the cells, (k, CELLS).
+    ``scatter`` is the density of the headings observed at the samples ``overlap``, on the cells, (k, CELLS).
     """
     roots = along.roots()
     if not np.isfinite(roots[:, 1]).any():
@@ -134,10 +132,7 @@ def forward_backward(evidence: Floats, moves: WaterTurns, habit: MotionModel, st
 
 @dataclass(frozen=True)
 class _Kernels:
-    """Transitions over each interval for h motion models: a step weighted by the wake's preference, or a jump.
-
-    Models are evaluated together, because calling a short Fourier transform costs more than the transform.
-    """
+    """Transitions over each interval for h motion models: a step weighted by the wake's preference, or a jump."""
 
     spectrum: NDArray[np.complex64]  # (n - 1, h, CELLS / 2 + 1) of the step's density, times the chance of no jump
     norm: NDArray[np.float32]  # (n - 1, h, CELLS) normalization of a step from each cell
@@ -226,10 +221,7 @@ def _rows(recorded_deg: Floats, coefficients: Floats, heading_deg: Floats, compa
 
 
 def _chosen(posterior: Floats, roots: Floats, recorded_deg: Floats) -> HeadingDecision:
-    """Assign each cell to the nearer root, choose the root with more probability, and average over its cells.
-
-    Near a fold the roots merge and the average is over all cells.
-    """
+    """Assign each cell to the nearer root, choose the root with more probability, and average over its cells."""
     away = np.abs(angles.difference(roots[:, :, None], CELL_CENTRES))
     away = np.where(np.isfinite(away), away, np.inf)
     first = away[:, 0, :] <= away[:, 1, :]

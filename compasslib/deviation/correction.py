@@ -109,7 +109,6 @@ def correct_in_pieces(
     Args:
         at: the compass at each sample, if effects beyond those of the fit acted on it.
         unmodelled_deg: standard deviation of known unmodelled effects, degrees.
-        doubts: periods whose headings are flagged as doubtful, with increased uncertainty.
     """
     decision = correct_headings(record_readings(record), fit, pairs, at)
     denied = ("" if fit.covariance_known else UNKNOWN_COVARIANCE, find_implausibility(fit, record))
@@ -178,8 +177,7 @@ def correct_headings(
 def reference_modes(fit: DeviationFit, heading_deg: Floats) -> Floats:
     """Decompose the error of correct headings due to the reference into modes, (n, 3) degrees per unit normal.
 
-    The modes are a constant (with the mean veer, as far as the coefficients' covariance lacks it), and the reference's
-    B and C; they are zero if the fit does not state the reference's errors.
+    They are a constant, with what the covariance lacks of the mean veer, and the reference's B and C; 0 if not stated.
     """
     reference = fit.reference
     if reference is None or not fit.fitted:
@@ -217,10 +215,7 @@ def _to_body_frame(east: Floats, north: Floats, recorded_deg: Floats) -> Complex
 
 
 def record_readings(record: Record) -> Readings:
-    """Extract the affected compass's readings, with headings flagged bad set to NaN.
-
-    The water is the mean of the good bins of each sample, as a whole layer veers less from hour to hour than one bin.
-    """
+    """Extract the affected compass's readings, NaN where flagged bad, and the mean water of the good bins."""
     heading = np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
     good = (record.quality <= PROBABLY_GOOD) & np.isfinite(record.east) & np.isfinite(record.north)
     count = good.sum(axis=1)
@@ -243,13 +238,9 @@ LOOKUP_COLUMNS = ("recorded_deg", "corrected_deg", "deviation_deg", "sigma_deg",
 def tabulate_deviation(
     fit: DeviationFit, unmodelled_deg: float = 0.0, doubts: Sequence[Doubt] = ()
 ) -> dict[str, Floats]:
-    """Tabulate the level compass at every whole degree that it can record; empty without coefficients.
+    """Tabulate the level compass on known branches at every whole degree that it records, by ``LOOKUP_COLUMNS``.
 
-    The standard deviation is that of a heading on a known branch and combines the coefficients, the reference's
-    compass, the precision of a reading, known unmodelled effects, and doubts about the whole record.
-
-    Returns:
-        The columns of ``LOOKUP_COLUMNS``; root is 1 (larger slope) or 2 for a two-valued compass.
+    The root is 1 (larger slope) or 2; the standard deviation includes doubts about the whole record.
     """
     if not fit.fitted:
         return {name: np.zeros(0) for name in LOOKUP_COLUMNS}

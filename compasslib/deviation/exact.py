@@ -100,8 +100,7 @@ def fit_exact(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
 def constant_sigmas(pairs: Pairs, fit: DeviationFit) -> float:
     """Compute by how many standard errors pairs prefer the constant of a fit to any iron without a constant.
 
-    Where few headings occur, or readings have two of them, A is nearly collinear with B and C, and the covariance about
-    one solution does not contain the others.
+    Where few headings occur, A is nearly collinear with B and C: the covariance about one solution lacks the others.
     """
     overlap = _overlap(pairs)
     without = _refined(_start(overlap, EXACT, WITHOUT_CONSTANT), overlap, priors=WITHOUT_CONSTANT)
@@ -191,8 +190,7 @@ class OptimizerState:
 def _start(overlap: Overlap, form: CurveForm, priors: Priors = WEAK) -> OptimizerState:
     """Optimize from the best of many strengths and directions of the iron, using 900 pairs with the least scatter.
 
-    The scatter is refitted at each maximum before they are compared: too wide a scatter blurs a fold, and a wrong
-    compass then fits as well as the right one.
+    The scatter is refitted at each maximum: too wide a one blurs a fold, and a wrong compass then fits as well.
     """
     width = overlap.width_deg(START_NOISE)
     clear = np.sort(np.argsort(width, kind="stable")[: max(len(width) // 2, 900)])
@@ -272,11 +270,7 @@ def smooth_density(mass: Floats) -> Floats:
 
 
 def fit_scatter(overlap: Overlap, given: Floats, near: ScatterNoise) -> ScatterNoise:
-    """Fit the scatter of the observed headings, without the compass's own noise, by penalized maximum likelihood.
-
-    Args:
-        given: distribution of the correct heading given the recorded one only, (n, CELLS).
-    """
+    """Fit the scatter of the observed headings, ``given`` the distribution by the recorded heading, (n, CELLS)."""
 
     def loss(x: Floats) -> tuple[float, Floats]:
         value, slope = scatter_log_likelihood(x, overlap, given)
@@ -288,13 +282,10 @@ def fit_scatter(overlap: Overlap, given: Floats, near: ScatterNoise) -> ScatterN
 
 
 def scatter_log_likelihood(x: Floats, overlap: Overlap, given: Floats) -> tuple[float, Floats]:
-    """Compute the log-likelihood and its gradient.
+    """Compute the log-likelihood of log floor, log slow part and logit of outliers, (3,), and its gradient.
 
     With r = 1 / (1 + chord^2 / (STUDENT_DOF width^2)) the density is r^power over its sum, and the derivative of
     log r^power with respect to log width is 2 power (1 - r), with a power of (STUDENT_DOF + 1) / 2.
-
-    Args:
-        x: logarithms of floor and slow part (degrees, degrees times m/s), logit of the share of outliers, (3,).
     """
     noise = _scatter_noise(x)
     width = overlap.width_deg(noise)
@@ -326,13 +317,8 @@ MIN_SLOPE = 0.3  # lower bound of a slope in a denominator; at a fold the spread
 def robust_covariance(scores: Floats, fit: DeviationFit, pairs: Pairs, effective: float, priors: Priors) -> Floats:
     """Estimate the covariance, allowing for autocorrelated pairs and for veer that depends on flow direction.
 
-    In time it is the jackknife over blocks of days. Across flow directions the scores of each octant are summed: the
-    veer between two depths differs between flow directions for months, which blocks of days do not show. Variance
-    between octants in excess of the blocks is added, then the mean veer expected from the profile.
-
-    Args:
-        scores: each pair's gradient of the log-likelihood by A..E, (n, 5).
-        priors: the weak prior, then that from other records, its precision multiplied by ``pairs_per_independent``.
+    In time it is the jackknife over blocks of days. The veer differs between flow directions for months, which these do
+    not show: the variance of the scores, (n, 5), between octants beyond it is added, then the mean veer by the profile.
     """
     # Where the iron cancels the earth's field the gradient is unbounded, and one pair would determine all coefficients;
     # it is 60 for a direction known to a degree.
@@ -367,8 +353,7 @@ def robust_covariance(scores: Floats, fit: DeviationFit, pairs: Pairs, effective
 def reference_response(fit: DeviationFit, pairs: Pairs, priors: Priors) -> Floats:
     """Compute the change of A..E by one standard deviation of the reference's B and of its C, (5, 2).
 
-    Weighted least squares of the errors of the reference's directions, where the weights are the second derivatives of
-    the fit's log density (Student's t) at the residuals.
+    It is the least-squares fit of the errors, weighted by the second derivatives of the fit's log density.
     """
     observed = observed_heading(pairs)
     root = nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
@@ -388,8 +373,7 @@ def reference_response(fit: DeviationFit, pairs: Pairs, priors: Priors) -> Float
 def pairs_per_independent(pairs: Pairs, effective: float) -> float:
     """Estimate the number of pairs per independent pair, of which five determine the coefficients.
 
-    At most four pairs a day are independent, and one a layer of 20 m that a lowered instrument passes: in a record of
-    days the autocorrelation of the veer is underestimated, as its slow part is absorbed in its mean.
+    At most four pairs a day are independent, and one a layer of 20 m: in days the slow veer is absorbed in its mean.
     """
     apart = 4.0 * float(np.ptp(pairs.time_s)) / DAY_S + float(np.ptp(pairs.upper_depth_m)) / 20.0
     return len(pairs) / max(min(effective, apart) - 5.0, 3.0)

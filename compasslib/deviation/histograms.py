@@ -42,12 +42,7 @@ def count_differences(east: Floats, north: Floats, pairs: Pairs) -> Counts:
 
 
 def directions_at_pairs(pairs: Pairs, time_s: Floats, heading_corrected_deg: Floats) -> tuple[Floats, Floats, Floats]:
-    """Compute directions at each pair, (n,) degrees each: reference, affected as recorded, affected corrected.
-
-    Args:
-        time_s: times of the affected record, which include those of the pairs, (m,).
-        heading_corrected_deg: corrected headings of that record, (m,); NaN where there is no correction.
-    """
+    """Compute directions at each pair, (n,) degrees each: reference, affected as recorded, affected corrected."""
     lower = angles.direction(pairs.lower_east, pairs.lower_north)
     upper = angles.direction(pairs.upper_east, pairs.upper_north)
     if not (len(pairs) and len(time_s)):

@@ -242,9 +242,8 @@ def transfer_coefficients(
 ) -> TransferredCoefficients:
     """Transfer coefficients calibrated at one or more places to another.
 
-    P and cZ are unknown, of any sign, and nearly cancel in some compasses: at the place of the first calibration each
-    has an independent normal prior, whose standard deviation is ``iron_nT`` or, if larger, the calibrated B H; likewise
-    Q and fZ. They are conditioned on the calibrations: one determines P + cZ, a second one at another dip both. The
+    P and cZ are unknown, of any sign: at the first place each has a normal prior of ``iron_nT`` or the calibrated B H,
+    conditioned on the calibrations: one determines P + cZ, a second one at another dip both; likewise Q and fZ. The
     error of A counts as common, and a change of the compass from the first to the last as uniformly distributed.
     """
     n, first = len(calibrations), calibrations[0].field
@@ -286,16 +285,9 @@ ORIENTATION = (0.5, 2.0)  # a dipole's field along its axis is twice that across
 
 
 def estimate_safe_distance(fit: DeviationFit, sphere_distance_m: tuple[float, float] | None) -> dict[str, Any] | None:
-    """Estimate the largest deviation at other distances from the iron's centre, as for a dipole: asin(|p| (r0/r)^3).
+    """Estimate the deviation at other distances from the iron's centre, asin(|p| (r0/r)^3), by bounds of r0.
 
-    |p| is the field of hard and induced iron over the earth's horizontal one, at this latitude. Each range combines the
-    bounds of r0, a factor of 0.5 to 2 for the orientation, and the 95 % interval of |p|.
-
-    Args:
-        sphere_distance_m: bounds of the distance r0 from compass to iron's centre, not determined by the record.
-
-    Returns:
-        The block ``safe_distance`` of deviation.json; None without bounds, or for a series, whose terms are not fields.
+    |p| is the field of hard and induced iron over the earth's horizontal one, at this latitude, with its 95 % interval.
     """
     if sphere_distance_m is None or not fit.fitted or fit.method == "von_appen":
         return None

@@ -30,14 +30,9 @@ def declination_sigma(field: EarthField) -> float:
 def reference_compass(
     name: str, field: EarthField, *, magnetic: bool, sigma_deg: float | None = None, iron_nT: float | None = None
 ) -> ReferenceCompass:
-    """Describe the compass of a reference by the keys of its instrument.
+    """Describe the compass of a reference by the keys of its instrument, ``compass_sigma_deg`` and ``compass_iron_nT``.
 
-    Directions that are already true were rotated elsewhere by another declination, whose error is added unless
-    ``sigma_deg`` is given.
-
-    Args:
-        sigma_deg: standard deviation of its constant error (``compass_sigma_deg``), None for the usual one.
-        iron_nT: that of either component of its horizontal iron (``compass_iron_nT``), None for the usual one.
+    True directions were rotated by another declination, whose error is added to the usual standard deviation.
     """
     horizontal, declination = float(np.mean(field.horizontal_nT)), declination_sigma(field)
     dip_ratio = abs(float(np.mean(field.vertical_nT))) / horizontal
@@ -79,22 +74,15 @@ def errors_from_json(content: dict[str, Any] | None) -> ReferenceErrors | None:
 
 
 def iron_pattern(pairs: Pairs) -> Floats:
-    """Compute the error of the reference's directions by one standard deviation of its B and of its C, (n, 2) degrees.
-
-    Where its heading was not recorded, it is taken for a vane, whose heading follows the flow: the worst case.
-    """
-    heading = angles.direction(pairs.lower_east, pairs.lower_north)
+    """Compute the error of the reference's directions by one σ of its B and of its C, (n, 2) degrees."""
+    heading = angles.direction(pairs.lower_east, pairs.lower_north)  # of a vane, the worst case, where not recorded
     if pairs.lower_heading_deg is not None:
         heading = np.where(np.isfinite(pairs.lower_heading_deg), pairs.lower_heading_deg, heading)
     return (pairs.compass.iron_deg if pairs.compass else 0.0) * np.column_stack(angles.sin_cos(heading))
 
 
 def reference_errors(pairs: Pairs, iron: Floats, *, veer_included: bool) -> ReferenceErrors | None:
-    """Collect the errors of the reference of a fit; None if the pairs do not state them.
-
-    Args:
-        iron: (5, 2) change of the coefficients by each column of ``iron_pattern``.
-    """
+    """Collect the errors of the reference of a fit, with the change of A..E by its iron; None if not stated."""
     if (compass := pairs.compass) is None:
         return None
     constant = float(np.hypot(compass.sigma_deg, compass.declination_deg))
@@ -102,15 +90,10 @@ def reference_errors(pairs: Pairs, iron: Floats, *, veer_included: bool) -> Refe
 
 
 def constant_sigma(constant_deg: float, sigma_deg: float, error_deg: float) -> float:
-    """Compute the rms of the part of a fitted constant that is not the affected compass's own, degrees.
+    """Compute the rms of the part of a fitted constant, degrees, that is not the affected compass's own.
 
-    The constant is the sum of the compass's own, normal with ``ALIGNMENT_SIGMA_DEG``, and of the error of the
-    reference, Student's t with four degrees of freedom; given their sum, the error has a mean and a standard deviation,
-    and their root sum of squares is returned.
-
-    Args:
-        sigma_deg: standard error of the fitted constant.
-        error_deg: standard deviation of the error, in the sense that 68 % lie within.
+    The own part is normal with ``ALIGNMENT_SIGMA_DEG``, the error of the reference Student's t with four degrees of
+    freedom, 68 % of it within ``error_deg``; given their sum, the error has a mean and a standard deviation.
     """
     if error_deg == 0.0:
         return 0.0

@@ -100,8 +100,8 @@ def series_slope(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
 def inverse_table(coefficients: ArrayLike, headings_deg: ArrayLike | None = None) -> tuple[Floats, Floats]:
     """Tabulate (gamma, beta) of the inverted region, gamma increasing and unwrapped, degrees.
 
-    Without a fold the region is the whole circle. With a fold it is the interval around the minimum of d gamma / d beta
-    in which the compass turns backwards (green curves of the paper's Fig. 7), or the one that contains most headings.
+    With a fold it is the interval around the minimum of d gamma / d beta in which the compass turns backwards (green
+    curves of the paper's Fig. 7), or the one that contains most headings.
     """
     grid = np.arange(0.0, 360.0, STEP_DEG)
     steepness = series_slope(coefficients, grid)

@@ -122,8 +122,7 @@ def heading_jacobian(
 ) -> Floats:
     """Differentiate the correct heading by each parameter at constant recorded heading, (n, p) degrees per unit.
 
-    For compass effects it is -(d gamma / d parameter) / (d gamma / d beta), conditional on the recorded heading. The
-    derivative of the water's veer is added directly, because it shifts the heading observed with the reference.
+    For compass effects it is -(d gamma / d parameter) / (d gamma / d beta); the derivative of the veer is added.
     """
     at, steps, columns = simulation.parameters, 0.05 * simulation.steps, []
     still = None if _acting(simulation, "north") else earth_field_in_body(scene, heading_deg)
@@ -143,11 +142,7 @@ def heading_jacobian(
 
 
 def added_term_jacobian(simulation: ForwardModel, scene: Scene, heading_deg: Floats, term: Effect) -> Floats:
-    """Differentiate the correct heading by the parameters of an added term, (n, p) degrees per unit.
-
-    Terms on the reading are differentiated without the model's other terms on the reading, so that all of them act on
-    the same reading and are comparable.
-    """
+    """Differentiate the correct heading by the parameters of an added term, (n, p) degrees per unit."""
     if term.acts_on != "reading":
         both = replace(simulation, terms=(term, *simulation.terms))
         return heading_jacobian(both, scene, heading_deg, first=5, last=5 + len(term.fitted()))

@@ -245,10 +245,7 @@ def _refusal(swing: Swing) -> str:
 
 
 def _warnings(swing: Swing, series: SwingFit, exact: SwingFit, drift: Mapping[str, Any] | None) -> list[str]:
-    """List the conditions under which the curve holds: of headings, water, delay and size of the deviation.
-
-    If the only quadrantal course does not lie in the mark's quadrant, an error of D enters B and C (MM section 7.1, 4).
-    """
+    """List the conditions under which the curve holds: of headings, water, delay and size of the deviation."""
     observed, declination, most_s = swing.observed, swing.declination_deg, swing.options.max_lag_s
     n, distinct = len(observed), observations.distinct_headings(observed.recorded_deg)
     gap, stated = observations.widest_gap(observed.recorded_deg), observed.variation_deg

@@ -1,8 +1,7 @@
 """Diagnose a magnetometer's log against an iron-free, level compass.
 
-Two comparisons are made. The logged heading against that of the raw axes shows the processing in between: levelling,
-iron correction, a lag, a turned mount. The modulus of the axes against a constant shows iron, whatever heading was
-logged; its relative change, taken as radians, is the size of the heading error by iron.
+The logged heading against that of the raw axes shows the processing in between; the modulus of the axes shows iron: its
+relative change, taken as radians, is the size of the heading error.
 """
 
 from __future__ import annotations
@@ -85,10 +84,7 @@ def diagnose_log(log: Log, *, field: Mapping[str, float] | None, options: Option
 
 
 def _axes(log: Log, choice: ModelChoice | str) -> tuple[Floats, str]:
-    """Orient the axes by the logged heading, or explain why it does not follow them.
-
-    Since the logged heading may be corrected for strong iron, axes with the iron removed are tried as well.
-    """
+    """Orient the axes, with or without their iron, by the logged heading, or explain why it does not follow them."""
     if log.heading_deg is None:
         return np.eye(3), "no heading was logged to hold that of the axes against"
     if angles.rms(angles.difference(log.heading_deg, float(angles.mean(log.heading_deg)))) < FEWEST_TURN_DEG:
@@ -167,10 +163,7 @@ def _compare_modulus(log: Log, axes: Floats, choice: ModelChoice, field: Mapping
 
 
 def _tilted_instead(log: Log, choice: ModelChoice, body: Floats, field: Mapping[str, float] | None) -> tuple[str, ...]:
-    """Offer a mean tilt in the vertical field as an alternative to iron where no tilt was logged.
-
-    An unknown vertical field may have any strength.
-    """
+    """Offer a mean tilt in the vertical field, of any strength, as an alternative to iron where no tilt was logged."""
     if not choice.level or log.tilted:
         return ()
     vertical = abs(float(body[:, 2].mean())) if log.has_z else 0.0
@@ -253,10 +246,7 @@ def _warmed(log: Log) -> bool:
 
 
 def _tilt_wobble(log: Log, field_nT: Floats, down: Floats, strength_nT: float) -> Floats:
-    """Compute the change of the modulus by the fast part of each tilt, (n, 2) degrees.
-
-    Waves and handling accelerate the tilt sensor, and its spurious tilt also enters the modulus.
-    """
+    """Compute the change of the modulus by the fast part of each tilt, (n, 2) degrees: accelerations by waves."""
     assert log.pitch_deg is not None and log.roll_deg is not None
     tilts = np.array([log.pitch_deg, log.roll_deg])
     fast = tilts - uniform_filter1d(tilts, WOBBLE_SAMPLES)

@@ -1,8 +1,7 @@
 """Diagnose a mooring's overlap: compare and correct the clocks, then search for unmodelled effects.
 
-The clocks are compared by the current speeds of both instruments, which are independent of the compass, in about
-sixteen windows, whose scatter shows the uncertainty. Water that arrives later at one depth has the same signature, of
-0.2 h where no clock was wrong. If the small-angle series is configured, the exact compass is compared with it.
+The clocks are compared by the speeds of both instruments, which are independent of the compass, in about sixteen
+windows. If the small-angle series is configured, the exact compass is compared with it.
 """
 
 from __future__ import annotations
@@ -131,12 +130,9 @@ class _Estimate(NamedTuple):
 
 
 def _fit(design: Floats, ahead_h: Floats, scatter_h: float) -> tuple[list[_Estimate], float]:
-    """Fit the windows by generalized least squares: each coefficient, and chi squared.
+    """Fit the windows, of a common delay by the water and ``scatter_h`` each: coefficients, and chi squared.
 
-    The variance of the delay is given and that of the windows estimated: degrees of freedom by Welch and Satterthwaite.
-
-    Args:
-        scatter_h: standard deviation of one window; the delay by the water is common to all.
+    The scatter is estimated, the delay's variance given: degrees of freedom by Welch and Satterthwaite.
     """
     from scipy.special import ndtr, stdtr
 
@@ -154,10 +150,7 @@ def _fit(design: Floats, ahead_h: Floats, scatter_h: float) -> tuple[list[_Estim
 
 
 def repair_pairs(pairs: Pairs, clock: ClockError) -> Pairs:
-    """Interpolate the reference to the true times of the affected instrument.
-
-    Time stamps of a clock that is ahead are too late: its samples correspond to earlier ones of the reference.
-    """
+    """Interpolate the reference to the true times of the affected instrument, whose stamps are late if it is ahead."""
     wanted = pairs.time_s - clock.ahead_s(pairs.time_s)
     stamped, first_index = np.unique(pairs.time_s + 60.0 * pairs.separation_minutes, return_index=True)
     after = np.clip(np.searchsorted(stamped, wanted, side="right"), 1, len(stamped) - 1)
@@ -202,11 +195,8 @@ def diagnose(
     """Diagnose a mooring's overlap against its fitted compass.
 
     Args:
-        logged: other series at the times of the pairs, such as ``temperature`` and ``supply_voltage``, (n,) each.
-        fit: the configured fit, whose simulation is diagnosed.
+        logged: other series at the times of the pairs, (n,) each, with their ``units`` if not defined here.
         wide: pairs with a wider depth limit, for comparing the clocks; default ``pairs``.
-        units: units of logged series that this package does not define.
-        shared: information of other records of the same compass on its effects; ``fit`` contains that on coefficients.
     """
     options = options or Options()
     wide = pairs if wide is None else wide
@@ -307,10 +297,7 @@ def clock_findings(
 def exact_compass_findings(
     pairs: Pairs, fit: DeviationFit, series: DeviationFit, min_effect_deg: float
 ) -> list[Finding]:
-    """Test whether the exact compass fits where the small-angle series does not.
-
-    Both have five parameters, so the comparison on held-out days needs no penalty for complexity.
-    """
+    """Test whether the exact compass, which has as many parameters, fits where the small-angle series does not."""
     observed = observed_heading(pairs)
     by_exact, by_series = (_heading_by(each, pairs, observed) for each in (fit, series))
     size, lost = angles.rms(angles.difference(by_exact, by_series)), float(np.mean(~np.isfinite(by_series)))
@@ -329,10 +316,7 @@ def exact_compass_findings(
 
 
 def held_out_residual(pairs: Pairs, fit: DeviationFit) -> Floats:
-    """Compute the observed heading minus that of a fit to the other half of the blocks, (n,) degrees.
-
-    Samples without a root get ``finding.NO_ROOT_DEG``, the mean deviation of a random direction.
-    """
+    """Compute the observed heading minus that of a fit to the other half of the blocks, (n,) degrees."""
     block = blocks_by_span(pairs.time_s, finding.HELD_OUT_BLOCK_S)
     observed, left = observed_heading(pairs), np.full(len(pairs), finding.NO_ROOT_DEG)
     for out in (block % 2 == 0, block % 2 == 1):

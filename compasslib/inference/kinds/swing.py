@@ -1,8 +1,7 @@
 """Diagnose a swing against its fitted curve: readings at headings as on a bench, or a log as a time series.
 
-The heading from the course over ground is compared with the compass in averages over 20 s, since neighbouring samples
-are correlated; longer correlation is modelled as ARMA noise, from which the thresholds are drawn. Speeds through the
-water, where logged, are a second comparison, which shows set and drift and is independent of the compass.
+Courses are compared with the compass in averages over 20 s, as neighbouring samples are correlated; longer correlation
+is modelled as ARMA noise. Speeds through the water are a second comparison, which is independent of the compass.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""Diagnose two heads on one frame: the heading of b against that of a, rigidly rotated.
-
-The clocks are aligned first, by rates of tilts and headings, or by tilts alone if these disagree. Iron is one head's
-relative to the other's; which head is wrong remains unknown.
-"""
+"""Diagnose two heads on one frame: the heading of b against that of a, rigidly rotated, after aligning the clocks."""
 
 from __future__ import annotations
 
@@ -55,11 +51,7 @@ class AlignedHeads:
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
-    """Diagnose the heading difference of two heads, of PD0 files a and b, against a rigid rotation.
-
-    Raises:
-        InputError: not two files, or one that cannot be read.
-    """
+    """Diagnose the heading difference of two heads, of PD0 files a and b, against a rigid rotation."""
     a, b = two_heads.read_heads(files, settings)
     farthest = float(two_heads.setting(settings, "max_clock_seconds", two_heads.MAX_CLOCK_OFFSET_S))
     start, end = (two_heads.setting(settings, *edge) for edge in (("start_s", -np.inf), ("end_s", np.inf)))
@@ -74,10 +66,7 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
 def diagnose_motion(
     a: Motion, b: Motion, *, farthest_s: float, field: Mapping[str, float] | None, options: Options
 ) -> Diagnosis:
-    """Diagnose two heads from their motions by their own clocks, that of b corrected for its known offset.
-
-    A clock difference is searched up to ``farthest_s``; if the headings are then unrelated, up to a day.
-    """
+    """Diagnose two heads by their own clocks, which may differ by ``farthest_s``, of unrelated ones by a day."""
     aligned, count = None, min(len(a.time_s), len(b.time_s))
     if count >= two_heads.MIN_SAMPLES:
         aligned = _align(a, b, farthest_s)
