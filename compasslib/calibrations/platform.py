@@ -12,16 +12,7 @@ import numpy as np
 
 from compasslib import angles, compass
 from compasslib.calibrations import TWO_TURNS, curves, read_columns, result
-from compasslib.calibrations.curves import (
-    EMPIRICAL,
-    EXACT,
-    ONE_CYCLE,
-    POLYNOMIAL,
-    SMITH,
-    CurveForm,
-    FittedCurve,
-    Points,
-)
+from compasslib.calibrations.curves import EXACT, ONE_CYCLE, SMITH, CurveForm, FittedCurve, Points
 from compasslib.calibrations.result import PLATFORM, TILT, Calibration, DeviationTable, Source
 from compasslib.deviation.series import series_design
 from compasslib.errors import InputError, applicable
@@ -29,7 +20,7 @@ from compasslib.readers import iaga2002
 from compasslib.types import Floats
 
 ROLES = ("reference_deg", "recorded_deg")
-FORMS = (SMITH, EXACT, POLYNOMIAL, ONE_CYCLE, EMPIRICAL)
+FORMS = (SMITH, EXACT, curves.POLYNOMIAL, ONE_CYCLE, curves.EMPIRICAL)
 SAME_HEADING_DEG = 1.0  # reference directions that round to one multiple repeat a setting of the bench
 SAME_TILT_DEG = 0.2  # the same for tilts
 LEVEL_DEG, SKEW_DEG = 0.5, 1.0  # tilts up to which an axis is level, and from which two axes are tilted together
@@ -246,7 +237,7 @@ def _describe_models(
     for name, fit in fitted.items():
         total = result.expanded((*sources, _fit_residual(fit)))
         models[name] = fit.to_json() | {"expanded_deg": total} | _extremes(-fit.residual_deg)
-    if chosen.form is POLYNOMIAL:
+    if chosen.form is curves.POLYNOMIAL:
         return {"models": models}
     curve = fitted.get(SMITH.name, chosen)
     unit = 1.0 / angles.DEGREE if curve.form is EXACT else 1.0
@@ -304,11 +295,11 @@ def _warnings(readings: BenchReadings, observed: Points, reasons: Mapping[str, s
             ),
             "the curve has harmonics that no iron makes, such as by a wrong table in the firmware: it holds for the "
             "heading alone and in any field, and the coefficients A to E are not the whole of it": (
-                chosen.form is EMPIRICAL
+                chosen.form is curves.EMPIRICAL
             ),
         }
     )
-    if chosen.form is POLYNOMIAL:
+    if chosen.form is curves.POLYNOMIAL:
         low, high = chosen.deviation([0.0, 359.999])
         warnings.append(f"the polynomial is not periodic: it jumps by {low - high:+.1f} degrees where 360 meets 0")
     if not full_circle:

@@ -12,40 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
+from compasslib.deviation import likelihood, model
 from compasslib.deviation.likelihood import (
-    CELL_CENTRES,
     CELL_DEG,
     CELLS,
-    COARSE,
     EXACT,
     FINE,
     STUDENT_DOF,
     BinnedSample,
     CurveForm,
     HeadingGrid,
-    bin_sample,
-    heading_given_reading,
-    heading_occupancy,
-    log_likelihood,
-    log_likelihood_and_gradient,
-    pair_log_likelihoods,
-    pair_scores,
-    scatter_density,
-    scatter_widths,
-    squared_chords,
 )
-from compasslib.deviation.model import (
-    MIN_PAIRS,
-    CoefficientPrior,
-    DeviationFit,
-    ScatterNoise,
-    heading_residual,
-    nearest_root,
-    observed_deviation,
-    observed_heading,
-    pair_speeds,
-    unfitted,
-)
+from compasslib.deviation.model import MIN_PAIRS, CoefficientPrior, DeviationFit, ScatterNoise
 from compasslib.deviation.reference import iron_pattern, reference_errors
 from compasslib.records import Pairs
 from compasslib.statistics.least_squares import minimize_bfgs
@@ -81,7 +59,7 @@ NOISE_PRIOR = np.array([np.log(8.0), np.log(2.5), -4.0])  # means of weak priors
 def fit_exact(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
     """Fit the exact compass to the pairs by penalized maximum likelihood, from ``near`` if its fold is known."""
     if len(pairs) < MIN_PAIRS:
-        return unfitted("exact", len(pairs))
+        return model.unfitted("exact", len(pairs))
     overlap, prior = _overlap(pairs), None if near is None else near.prior
     state = _refined(_start(overlap, EXACT) if near is None else _at(near), overlap)
     if near is None and float(np.hypot(*state.parameters[3:5])) >= MAX_SOFT_IRON:
@@ -105,7 +83,7 @@ def constant_sigmas(pairs: Pairs, fit: DeviationFit) -> float:
     overlap = _overlap(pairs)
     without = _refined(_start(overlap, EXACT, WITHOUT_CONSTANT), overlap, priors=WITHOUT_CONSTANT)
     own, other = (
-        log_likelihood(state.parameters, overlap.sample(state.noise, FINE, EXACT), state.prior, FINE)
+        likelihood.log_likelihood(state.parameters, overlap.sample(state.noise, FINE, EXACT), state.prior, FINE)
         for state in (_at(fit), without)
     )
     return float(np.sqrt(max(2.0 * (own - other) / pairs_per_independent(pairs, fit.n_effective), 0.0)))
@@ -114,7 +92,7 @@ def constant_sigmas(pairs: Pairs, fit: DeviationFit) -> float:
 def start_from_prior(prior: CoefficientPrior, pairs: Pairs) -> DeviationFit:
     """Make a starting fit from a prior by other records; if A is unconstrained, add the pairs' mean residual."""
     unscored = DeviationFit("exact", len(pairs), prior.mean, heading_density=np.full(CELLS, 1.0 / CELLS))
-    off = heading_residual(unscored, pairs)
+    off = model.heading_residual(unscored, pairs)
     turned = np.where(np.isfinite(off), angles.phasor(off), 0.0).sum()
     mean = prior.mean.copy()
     mean[0] += 0.0 if prior.precision[0, 0] else np.clip(np.angle(turned), -0.5, 0.5)
@@ -131,7 +109,7 @@ def held_out_scores(
         left_out, training = np.flatnonzero(fold == k), np.flatnonzero(fold != k)
         state = _refined(whole, overlap.take(training), form)
         data = overlap.take(left_out).sample(state.noise, FINE, form)
-        scores[left_out] = pair_log_likelihoods(state.parameters, data, state.prior, FINE)
+        scores[left_out] = likelihood.pair_log_likelihoods(state.parameters, data, state.prior, FINE)
     return scores
 
 
@@ -152,8 +130,8 @@ def _start_turned(overlap: Overlap, angle_deg: float) -> OptimizerState:
 
 
 def _overlap(pairs: Pairs) -> Overlap:
-    observed = observed_heading(pairs)
-    return Overlap(pairs.heading_deg, observed, squared_chords(observed), *pair_speeds(pairs))
+    observed = model.observed_heading(pairs)
+    return Overlap(pairs.heading_deg, observed, likelihood.squared_chords(observed), *model.pair_speeds(pairs))
 
 
 @dataclass(frozen=True)
@@ -167,14 +145,14 @@ class Overlap:
     lower_speed: Floats
 
     def width_deg(self, noise: ScatterNoise) -> Floats:
-        return scatter_widths(noise, self.upper_speed, self.lower_speed)
+        return likelihood.scatter_widths(noise, self.upper_speed, self.lower_speed)
 
     def take(self, index: NDArray[np.signedinteger]) -> Overlap:
         return Overlap(*(column[index] for column in vars(self).values()))
 
     def sample(self, noise: ScatterNoise, grid: HeadingGrid, form: CurveForm) -> BinnedSample:
-        density = scatter_density(self.squared_chord, self.width_deg(noise), noise.outliers)
-        return bin_sample(self.recorded_deg, density, grid, form)
+        density = likelihood.scatter_density(self.squared_chord, self.width_deg(noise), noise.outliers)
+        return likelihood.bin_sample(self.recorded_deg, density, grid, form)
 
 
 @dataclass(frozen=True)
@@ -196,15 +174,15 @@ def _start(overlap: Overlap, form: CurveForm, priors: Priors = WEAK) -> Optimize
     clear = np.sort(np.argsort(width, kind="stable")[: max(len(width) // 2, 900)])
     few = overlap.take(clear[:: max(1, len(clear) // 900)])
     prior = smooth_density(np.histogram(few.observed_deg, bins=CELLS, range=(0.0, 360.0))[0].astype(float))
-    data = few.sample(START_NOISE, COARSE, form)
+    data = few.sample(START_NOISE, likelihood.COARSE, form)
     irons = [angles.components(strength, towards) for strength in STRENGTHS for towards in np.arange(0.0, 360.0, 22.5)]
     starts = [np.array([0.0, float(b), float(c), 0.0, 0.0, np.log(6.0)]) for c, b in irons]
-    values = [-log_likelihood(start, data, prior, COARSE) for start in starts]
+    values = [-likelihood.log_likelihood(start, data, prior, likelihood.COARSE) for start in starts]
     states = [OptimizerState(starts[i], START_NOISE, prior) for i in np.argsort(values)[:5]]
-    states = [_improve(state, few, COARSE, form, HARD_IRON_FIRST) for state in states]
+    states = [_improve(state, few, likelihood.COARSE, form, HARD_IRON_FIRST) for state in states]
     states = sorted(states, key=lambda state: state.loss)[:2]
     for _ in range(ROUNDS):
-        states = [_improve(state, few, COARSE, form, priors) for state in states]
+        states = [_improve(state, few, likelihood.COARSE, form, priors) for state in states]
     return min(states, key=lambda state: state.loss)
 
 
@@ -218,9 +196,9 @@ def _improve(
     """Optimize the compass at fixed scatter, then the scatter and the distribution of headings at fixed compass."""
     data = overlap.sample(state.noise, grid, form)
     parameters, loss = _maximise(state, data, grid, priors)
-    prior = smooth_density(heading_occupancy(parameters, data, state.prior, grid))
+    prior = smooth_density(likelihood.heading_occupancy(parameters, data, state.prior, grid))
     few = overlap.take(np.arange(0, len(overlap.observed_deg), max(1, len(overlap.observed_deg) // 1000)))
-    given = heading_given_reading(parameters, few.recorded_deg, prior, FINE, form)
+    given = likelihood.heading_given_reading(parameters, few.recorded_deg, prior, FINE, form)
     return OptimizerState(parameters, fit_scatter(few, given, state.noise), prior, loss)
 
 
@@ -228,9 +206,9 @@ def _described(state: OptimizerState, pairs: Pairs, overlap: Overlap, priors: Pr
     data = overlap.sample(state.noise, FINE, EXACT)
     parameters, _ = _maximise(state, data, FINE, priors)
     noise = replace(state.noise, compass_deg=float(np.exp(parameters[5])))
-    scores = pair_scores(parameters, data, state.prior, FINE)[:, :5]
+    scores = likelihood.pair_scores(parameters, data, state.prior, FINE)[:, :5]
     unscored = DeviationFit("exact", len(pairs), parameters[:5], noise=noise)
-    left = heading_residual(unscored, pairs)
+    left = model.heading_residual(unscored, pairs)
     standard = np.clip(left / overlap.width_deg(noise), -3.0, 3.0)
     known = np.isfinite(standard)
     effective = effective_sample_size(standard[known], pairs.time_s[known])
@@ -249,21 +227,21 @@ def _described(state: OptimizerState, pairs: Pairs, overlap: Overlap, priors: Pr
 
 def _maximise(state: OptimizerState, data: BinnedSample, grid: HeadingGrid, priors: Priors) -> tuple[Floats, float]:
     def loss(at: Floats) -> tuple[float, Floats]:
-        value, slopes = log_likelihood_and_gradient(at, data, state.prior, grid)
+        value, slopes = likelihood.log_likelihood_and_gradient(at, data, state.prior, grid)
         minus, slopes = -value, -slopes
         for prior in priors:
             pull = prior.precision @ (at - prior.mean)
             minus, slopes = minus + 0.5 * float((at - prior.mean) @ pull), slopes + pull
         return minus, slopes
 
-    scores = pair_scores(state.parameters, data, state.prior, grid)
+    scores = likelihood.pair_scores(state.parameters, data, state.prior, grid)
     curvature = scores.T @ scores + sum(prior.precision for prior in priors)
     return minimize_bfgs(loss, state.parameters, PARAMETER_BOUNDS, 40, curvature)
 
 
 def smooth_density(mass: Floats) -> Floats:
     """Smooth a distribution of headings over 12 degrees and add a uniform tenth; the result sums to 1."""
-    kernel = np.exp(-0.5 * (angles.wrap180(CELL_CENTRES) / 12.0) ** 2)
+    kernel = np.exp(-0.5 * (angles.wrap180(likelihood.CELL_CENTRES) / 12.0) ** 2)
     smooth = np.fft.irfft(np.fft.rfft(mass) * np.fft.rfft(kernel / kernel.sum()), len(mass))
     smooth = np.maximum(smooth, 0.0) / smooth.sum()
     return 0.9 * smooth + 0.1 / len(mass)
@@ -332,15 +310,15 @@ def robust_covariance(scores: Floats, fit: DeviationFit, pairs: Pairs, effective
         along_time = inverse * pairs_per_independent(pairs, effective)
     else:
         along_time = block_jackknife(scores, scores, block, information)
-    residual = heading_residual(fit, pairs)
-    turn = np.nan_to_num(observed_deviation(pairs) - residual)
+    residual = model.heading_residual(fit, pairs)
+    turn = np.nan_to_num(model.observed_deviation(pairs) - residual)
     east, north = angles.turn(pairs.upper_east, pairs.upper_north, turn)
     towards = angles.direction(east + pairs.lower_east, north + pairs.lower_north)
     octant = np.floor(np.nan_to_num(towards) / 45.0).astype(np.intp) % 8
     sums = block_sums(scores, octant)
     across = inverse @ (sums.T @ sums) @ inverse * 8 / 7
     left = np.nan_to_num(residual)
-    width = fit.noise.width_deg(*(np.maximum(speed, 1e-3) for speed in pair_speeds(pairs)))
+    width = fit.noise.width_deg(*(np.maximum(speed, 1e-3) for speed in model.pair_speeds(pairs)))
     by_degree = (STUDENT_DOF + 1.0) * left / (STUDENT_DOF * width**2 + left**2)
     turned = inverse @ (scores.T @ by_degree) * pairs.veer_deg
     if not few:  # with few blocks, the inverse includes the prior
@@ -355,14 +333,14 @@ def reference_response(fit: DeviationFit, pairs: Pairs, priors: Priors) -> Float
 
     It is the least-squares fit of the errors, weighted by the second derivatives of the fit's log density.
     """
-    observed = observed_heading(pairs)
-    root = nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
+    observed = model.observed_heading(pairs)
+    root = model.nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
     known = np.isfinite(root)
     root = np.where(known, root, observed)
     left = angles.difference(observed, root)
     slope = compass.slope(fit.coefficients, root)
     slope = np.copysign(np.maximum(np.abs(slope), MIN_SLOPE), slope)
-    width = fit.noise.width_deg(*(np.maximum(speed, 1e-3) for speed in pair_speeds(pairs)))
+    width = fit.noise.width_deg(*(np.maximum(speed, 1e-3) for speed in model.pair_speeds(pairs)))
     square = STUDENT_DOF * (width**2 + (fit.noise.compass_deg / slope) ** 2)
     weight = known * (STUDENT_DOF + 1.0) * (square - left**2) / (square + left**2) ** 2
     columns = (-compass.gradient(fit.coefficients, root) / slope).T

@@ -21,18 +21,9 @@ from compasslib.calibrations.magnetometer import ellipsoid
 from compasslib.calibrations.magnetometer import log as magnetometer_log
 from compasslib.calibrations.magnetometer.ellipsoid import ModelChoice
 from compasslib.calibrations.magnetometer.log import Log
+from compasslib.effects import iron
 from compasslib.effects.effect import Effect, Scene, turning_scene
-from compasslib.effects.iron import (
-    HardIron,
-    HardIronStep,
-    HardIronTrend,
-    Heeling,
-    LevelHardIron,
-    LevelSoftIron,
-    SoftIronInSpace,
-    TemperatureOfField,
-    TemperatureOfReading,
-)
+from compasslib.effects.iron import HardIron, LevelHardIron, LevelSoftIron
 from compasslib.effects.readout import CompassDelay, HeadingSlip, MountingOffset, ReadingLevelled
 from compasslib.inference import covariates as covariate_series
 from compasslib.inference import diagnosis, short_search
@@ -108,7 +99,7 @@ def _compare_heading(log: Log, axes: Floats, field: Mapping[str, float] | None) 
     if log.tilted:  # otherwise an unlogged tilt may have any form along the heading
         terms = (ReadingLevelled, HardIron, MountingOffset, LevelSoftIron, *READOUT)
     terms += (CompassDelay,) if clocked else ()
-    terms += (TemperatureOfReading,) if _warmed(log) else ()
+    terms += (iron.TemperatureOfReading,) if _warmed(log) else ()
     confused = {"hard_iron": ("tilt_offset",)}  # constant in the body, near level
     if not log.tilted:
         confused = {term.name: ("tilt_uncompensated",) for term in terms if term is not CompassDelay}
@@ -136,16 +127,16 @@ def _compare_modulus(log: Log, axes: Floats, choice: ModelChoice, field: Mapping
     body = log.raw @ axes.T
     working, unit = _scale_to_field(body, choice.scale, log, field, level=level)
     scene, covariates, samples, clocked = _conditions(log, body)
-    terms: tuple[type[Effect], ...] = (LevelHardIron, LevelSoftIron) if level else (HardIron, SoftIronInSpace)
-    terms += (HardIronStep, HardIronTrend)
-    terms += (TemperatureOfField,) if _warmed(log) else ()
+    terms: tuple[type[Effect], ...] = (LevelHardIron, LevelSoftIron) if level else (HardIron, iron.SoftIronInSpace)
+    terms += (iron.HardIronStep, iron.HardIronTrend)
+    terms += (iron.TemperatureOfField,) if _warmed(log) else ()
     strength = _strength(field, level)
     down: Floats = np.zeros((len(working), 3))
     wobble: Floats = np.zeros((len(working), 0))
     if level:
         down = log.levelling()[:, 2, :]
     if level and log.tilted:
-        terms += (Heeling,)
+        terms += (iron.Heeling,)
         wobble = _tilt_wobble(log, working, down, strength)
     return ShortComparison(
         what=f"the modulus of the {'horizontal ' if level else ''}axes against a constant",

@@ -23,14 +23,7 @@ from compasslib.effects.readout import LargeDeviation
 from compasslib.effects.reference import ClockDrift, ClockOffset, VeerWithDirection
 from compasslib.inference import comparison, diagnosis, finding, long_record
 from compasslib.inference import product as products
-from compasslib.inference.comparison import (
-    FEWEST_PAIRS,
-    SHORTEST_DAYS,
-    Comparison,
-    Options,
-    SharedInformation,
-    compare_pairs,
-)
+from compasslib.inference.comparison import FEWEST_PAIRS, SHORTEST_DAYS, Comparison, Options
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import Finding, Parameter
 from compasslib.records import EarthField, Pairs, take
@@ -190,7 +183,7 @@ def diagnose(
     *,
     wide: Pairs | None = None,
     units: Mapping[str, str] | None = None,
-    shared: SharedInformation | None = None,
+    shared: comparison.SharedInformation | None = None,
 ) -> Diagnosis:
     """Diagnose a mooring's overlap against its fitted compass.
 
@@ -218,7 +211,9 @@ def diagnose(
         remain = np.isin(pairs.time_s, repaired.time_s)
         logged = {name: column[remain] for name, column in logged.items()}
         pairs, first = repaired, [*first, *of_clock]
-    case = compare_pairs(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic, units=units)
+    case = comparison.compare_pairs(
+        pairs, logged, exact, field, reference_magnetic=options.reference_magnetic, units=units
+    )
     terms, missing = case.terms, case.not_testable
     if of_clock:  # interpolated directions share their noise with the flow direction, on which this term depends
         terms = tuple(kind for kind in terms if kind is not VeerWithDirection)
