@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles, earthfield
 from compasslib.deviation import find_implausibility
-from compasslib.deviation.average import CompassAverage, CompassSeries, average_compasses, compass_series
+from compasslib.deviation.average import CompassSeries, average_compasses, compass_series
 from compasslib.deviation.branches import HeadingDecision, choose_branches, open_branches, shows_branch, single_branch
 from compasslib.deviation.curve import correct_roots, heading_sensitivity, reading_slope
 from compasslib.deviation.doubts import Doubt, doubt_whole_record, evaluate_doubts
@@ -161,7 +161,12 @@ def correct_headings(
         shown = int(shows_branch(at.roots()[overlap], width).sum())
         decision = open_branches(decision, shown, len(pairs))
         average = average_compasses(at, decision.heading_deg)
-        decision, parameters = _moved(decision, average), average.sigma_deg
+        shifted, parameters = angles.wrap360(decision.heading_deg + average.shift_deg), average.sigma_deg
+        decision = replace(
+            decision,
+            heading_deg=np.where(average.shift_deg == 0.0, decision.heading_deg, shifted),
+            probability=np.minimum(decision.probability, np.where(average.agreed < 0.9, average.agreed, np.inf)),
+        )
     left_out = np.zeros(parameters.shape)
     if at is None or not at.tilted:
         # At 5 degrees of tilt, which is assumed where none was recorded (von Appen 2015: typically 5), a vertical field
@@ -190,17 +195,6 @@ def reference_modes(fit: DeviationFit, heading_deg: Floats) -> Floats:
     further = reference.further_deg(float(angles.wrap180(constant)), sigma)
     by_iron = np.nan_to_num(heading_sensitivity(fit, heading_deg) @ reference.iron)
     return np.column_stack([np.full(len(heading_deg), further), by_iron])
-
-
-def _moved(decision: HeadingDecision, average: CompassAverage) -> HeadingDecision:
-    """Shift the decision to the average of the compasses, and lower its probability where under 90 % agree."""
-    heading = angles.wrap360(decision.heading_deg + average.shift_deg)
-    probability = np.where(average.agreed < 0.9, average.agreed, np.inf)
-    return replace(
-        decision,
-        heading_deg=np.where(average.shift_deg == 0.0, decision.heading_deg, heading),
-        probability=np.minimum(decision.probability, probability),
-    )
 
 
 def readings_at_pairs(pairs: Pairs) -> Readings:

@@ -8,14 +8,14 @@ yields only the sum; two of different tan I separate the parts (physics page, se
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from compasslib import angles, compass
-from compasslib.deviation.reference import ReferenceErrors, errors_from_json
+from compasslib.deviation.reference import ReferenceErrors
 from compasslib.records import Pairs
 from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Floats
@@ -71,27 +71,13 @@ class DeviationFit:
     iron_declared: bool = False  #: whether the owner declares a sphere or the distance of its iron
 
     def to_json(self) -> dict[str, Any]:
-        """Convert to the content of deviation.json."""
-        return {
-            "method": self.method,
-            "coefficients": dict(zip(LETTERS, self.coefficients.tolist(), strict=True)) if self.fitted else None,
-            "unit": "degrees" if self.method == "von_appen" else "1",
-            "covariance": self.covariance.tolist() if self.fitted else None,
-            "n_pairs": self.n_pairs,
-            "n_effective": self.n_effective,
-            "residual_rms_deg": self.residual_rms_deg,
-            "recorded_range_deg": self.recorded_range_deg,
-            "folded": self.folded,
-            "noise": vars(self.noise),
-            "heading_density": self.heading_density.tolist(),
-            "why": self.why,
-            "warnings": self.warnings,
-            **({"fixed": True} if self.fixed else {}),
-            **({"iron_declared": True} if self.iron_declared else {}),
-            **({} if self.covariance_known else {"covariance_known": False}),
-            **({} if self.prior is None else {"prior": self.prior.to_json()}),
-            "reference": None if self.reference is None else self.reference.to_json(),
-        }
+        """Convert to the content of deviation.json; some values are left out where they are the usual ones."""
+        usual = {"fixed": False, "iron_declared": False, "covariance_known": True, "prior": None}
+        stated = {name: value for name, value in vars(self).items() if name not in usual or value is not usual[name]}
+        parts = {name: part and vars(part) for name, part in stated.items() if name in ("noise", "prior", "reference")}
+        letters = dict(zip(LETTERS, self.coefficients.tolist(), strict=True)) if self.fitted else None
+        unit, covariance = "degrees" if self.method == "von_appen" else "1", self.covariance if self.fitted else None
+        return {**stated, **parts, "coefficients": letters, "unit": unit, "covariance": covariance}
 
     @property
     def fitted(self) -> bool:
@@ -106,26 +92,21 @@ class DeviationFit:
 
 def fit_from_json(content: Mapping[str, Any]) -> DeviationFit:
     """Build a fit from the content of deviation.json."""
+    stated = {part.name: content[part.name] for part in fields(DeviationFit) if part.name in content}
     letters, span, rms = content["coefficients"], content["recorded_range_deg"], content["residual_rms_deg"]
-    return DeviationFit(
-        method=content["method"],
-        n_pairs=content["n_pairs"],
-        coefficients=np.array([letters[k] for k in LETTERS] if letters else [], dtype=float),
-        covariance=np.array(content["covariance"] or [], dtype=float),
-        n_effective=content["n_effective"],
-        residual_rms_deg=float("nan") if rms is None else rms,
-        recorded_range_deg=None if span is None else (span[0], span[1]),
-        folded=content["folded"],
-        noise=ScatterNoise(**content["noise"]),
-        heading_density=np.array(content["heading_density"], dtype=float),
-        why=content["why"],
-        warnings=tuple(content.get("warnings", ())),
-        fixed=content.get("fixed", False),
-        covariance_known=content.get("covariance_known", True),
-        prior=prior_from_json(content.get("prior")),
-        reference=errors_from_json(content.get("reference")),
-        iron_declared=content.get("iron_declared", False),
-    )
+    reference = content.get("reference")
+    stated |= {
+        "coefficients": np.array([letters[k] for k in LETTERS] if letters else [], dtype=float),
+        "covariance": np.array(content["covariance"] or [], dtype=float),
+        "residual_rms_deg": float("nan") if rms is None else rms,
+        "recorded_range_deg": None if span is None else (span[0], span[1]),
+        "noise": ScatterNoise(**content["noise"]),
+        "heading_density": np.array(content["heading_density"], dtype=float),
+        "warnings": tuple(content.get("warnings", ())),
+        "prior": prior_from_json(content.get("prior")),
+        "reference": reference and ReferenceErrors(**reference | {"iron": np.array(reference["iron"])}),
+    }
+    return DeviationFit(**stated)
 
 
 def unfitted(method: str, n_pairs: int) -> DeviationFit:
@@ -175,10 +156,6 @@ class CoefficientPrior:
 
     mean: Floats  #: (5,) A..E of the exact compass, dimensionless
     precision: Floats  #: (5, 5) inverse covariance
-
-    def to_json(self) -> dict[str, Any]:
-        """Convert to the content of deviation.json."""
-        return {"mean": self.mean.tolist(), "precision": self.precision.tolist()}
 
 
 def prior_from_json(content: Mapping[str, Any] | None) -> CoefficientPrior | None:
@@ -263,21 +240,17 @@ def transfer_coefficients(
     covariance = there @ (prior - gain @ design @ prior) @ there.T
     change = residual[-1] - residual[0]
     covariance = (covariance + covariance.T) / 2.0 + np.outer(change, change) / 12.0
-    warning = _transfer_warning(covariance, noise * np.mean(level / away.horizontal_nT) ** 2, away)
-    return TransferredCoefficients(there @ found, covariance, there @ found + residual, warning)
-
-
-def _transfer_warning(covariance: Floats, noise: Floats, away: FieldAtPlace) -> str:
-    """Tell an uncertainty of B and C that a transfer adds, from 0.6 degrees on; empty if it is less."""
-    if weak := weak_field_warnings(away.horizontal_nT):
-        return weak[0]
-    there, here = (np.sqrt(np.diag(each)[1:3]) for each in (covariance, noise))
-    if np.all(there < here + 0.01):
-        return ""
-    return (
-        f"B and C are known to {there[0]:.3f} and {there[1]:.3f} here (1σ), as the shares of hard iron and of iron "
-        "induced by the vertical field are unknown; a second calibration at another dip would tell"
+    sigma, calibrated = (
+        np.sqrt(np.diag(x)[1:3]) for x in (covariance, noise * np.mean(level / away.horizontal_nT) ** 2)
     )
+    warning = (
+        f"B and C are known to {sigma[0]:.3f} and {sigma[1]:.3f} here (1σ), as the shares of hard iron and of iron "
+        "induced by the vertical field are unknown; a second calibration at another dip would tell"
+        if np.any(sigma >= calibrated + 0.01)  # 0.6 degrees
+        else ""
+    )
+    warning = next(iter(weak_field_warnings(away.horizontal_nT)), warning)
+    return TransferredCoefficients(there @ found, covariance, there @ found + residual, warning)
 
 
 DISTANCES_M = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0)

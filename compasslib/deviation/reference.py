@@ -8,7 +8,6 @@ The mean veer between the two depths acts like the constant.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -57,20 +56,11 @@ class ReferenceErrors:
     veer_included: bool  #: whether the covariance of the fit includes the mean veer
     share: float = 1.0  #: probability that the compass has a deviation, and follows the reference
 
-    def to_json(self) -> dict[str, Any]:
-        """Convert to the content of deviation.json."""
-        return vars(self) | {"iron": self.iron.tolist()}
-
     def further_deg(self, constant_deg: float, sigma_deg: float) -> float:
         """Compute the standard deviation of the constant error of all headings that the covariance lacks, degrees."""
         whole = constant_sigma(constant_deg, sigma_deg, float(np.hypot(self.constant_deg, self.veer_deg)))
         included = self.veer_deg if self.veer_included else 0.0
         return float(np.sqrt(self.share * max(whole**2 - included**2, 0.0)))
-
-
-def errors_from_json(content: dict[str, Any] | None) -> ReferenceErrors | None:
-    """Build the errors from the content of deviation.json, None if it has none."""
-    return None if content is None else ReferenceErrors(**content | {"iron": np.array(content["iron"])})
 
 
 def iron_pattern(pairs: Pairs) -> Floats:

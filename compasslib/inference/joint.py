@@ -467,7 +467,7 @@ def _returned_json(
     effects = information_from_others(searched, shared) if shared is not None and searched else {}
     return {
         "from": list(others),
-        "prior": prior.to_json(),
+        "prior": vars(prior),
         "effects": {
             form: {"information": information.tolist(), "score": score.tolist()}
             for form, (information, score) in effects.items()
