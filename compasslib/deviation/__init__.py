@@ -26,8 +26,7 @@ from typing import Any
 import numpy as np
 
 from compasslib import compass
-from compasslib.deviation.curve import correct_roots
-from compasslib.deviation.exact import MAX_SOFT_IRON, fit_exact
+from compasslib.deviation.exact import MAX_SOFT_IRON, correct_roots, fit_exact
 from compasslib.deviation.model import DeviationFit
 from compasslib.deviation.series import fit_series
 from compasslib.records import BAD, Pairs, Record

@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.deviation.curve import heading_sensitivity
+from compasslib.deviation.exact import heading_sensitivity
 from compasslib.deviation.model import DeviationFit, covariance_sigma, nearest_root
 from compasslib.records import Readings
 from compasslib.statistics.least_squares import mixed_covariance

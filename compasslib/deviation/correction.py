@@ -13,9 +13,8 @@ from compasslib import angles, earthfield
 from compasslib.deviation import find_implausibility
 from compasslib.deviation.average import CompassSeries, average_compasses, compass_series
 from compasslib.deviation.branches import HeadingDecision, choose_branches, open_branches, shows_branch, single_branch
-from compasslib.deviation.curve import correct_roots, heading_sensitivity, reading_slope
 from compasslib.deviation.doubts import Doubt, doubt_whole_record, evaluate_doubts
-from compasslib.deviation.exact import MIN_SLOPE
+from compasslib.deviation.exact import MIN_SLOPE, correct_roots, heading_sensitivity, reading_slope
 from compasslib.deviation.likelihood import scatter_density, scatter_widths, squared_chords
 from compasslib.deviation.model import UNKNOWN_COVARIANCE, DeviationFit, covariance_sigma, observed_heading, pair_speeds
 from compasslib.deviation.reference import declination_sigma

@@ -25,6 +25,7 @@ from compasslib.deviation.likelihood import (
 )
 from compasslib.deviation.model import MIN_PAIRS, CoefficientPrior, DeviationFit, ScatterNoise
 from compasslib.deviation.reference import iron_pattern, reference_errors
+from compasslib.deviation.series import invert_series, series_design, series_slope
 from compasslib.records import Pairs
 from compasslib.statistics.least_squares import minimize_bfgs
 from compasslib.statistics.noise import effective_sample_size
@@ -338,12 +339,11 @@ def reference_response(fit: DeviationFit, pairs: Pairs, priors: Priors) -> Float
     known = np.isfinite(root)
     root = np.where(known, root, observed)
     left = angles.difference(observed, root)
-    slope = compass.slope(fit.coefficients, root)
-    slope = np.copysign(np.maximum(np.abs(slope), MIN_SLOPE), slope)
+    slope = np.maximum(reading_slope(fit, root), MIN_SLOPE)
     width = fit.noise.width_deg(*(np.maximum(speed, 1e-3) for speed in model.pair_speeds(pairs)))
     square = STUDENT_DOF * (width**2 + (fit.noise.compass_deg / slope) ** 2)
     weight = known * (STUDENT_DOF + 1.0) * (square - left**2) / (square + left**2) ** 2
-    columns = (-compass.gradient(fit.coefficients, root) / slope).T
+    columns = heading_sensitivity(fit, root)
     information = (columns.T * weight) @ columns + sum(prior.precision[:5, :5] for prior in priors)
     return np.linalg.solve(information, (columns.T * weight) @ iron_pattern(pairs))
 
@@ -361,3 +361,29 @@ def positive_part(matrix: Floats) -> Floats:
     """Project a symmetric matrix, (p, p), onto the positive semidefinite matrices."""
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2.0)
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+
+# The curve of a fitted deviation, by its method.
+
+
+def correct_roots(fit: DeviationFit, recorded_deg: Floats) -> Floats:
+    """Compute the correct headings of recorded ones, (n, 2) degrees, NaN where there is none."""
+    if fit.method != "von_appen":
+        return compass.inverse(fit.coefficients, recorded_deg)
+    beta = invert_series(fit.coefficients, recorded_deg)
+    return np.stack([beta, np.full(beta.shape, np.nan)], axis=-1)
+
+
+def reading_slope(fit: DeviationFit, heading_deg: Floats) -> Floats:
+    """Compute |d recorded / d correct heading|, (n,)."""
+    slope = series_slope if fit.method == "von_appen" else compass.slope
+    return np.abs(slope(fit.coefficients, heading_deg))
+
+
+def heading_sensitivity(fit: DeviationFit, heading_deg: Floats) -> Floats:
+    """Compute the derivative of the correct heading of a reading by A..E, (n, 5) degrees per unit."""
+    least = np.maximum(reading_slope(fit, heading_deg), MIN_SLOPE)
+    if fit.method == "von_appen":
+        return series_design(heading_deg) / least[:, None]
+    slope = np.copysign(least, compass.slope(fit.coefficients, heading_deg))
+    return (-compass.gradient(fit.coefficients, heading_deg) / slope).T

@@ -124,17 +124,9 @@ def calibrate_pairs(pairs: PairedHeads, clock: ClockDifference, warnings: tuple[
             "offset_deg": offset,
             "offset_sigma_deg": float(np.sqrt(series.covariance[0, 0])),
             "clock": clock.to_json(),
-            "frame": {
-                "verdict": frame.verdict,
-                "text": frame.text,
-                "residual_rms_deg": frame.rms_deg,
-                "rotation": frame.rotation.tolist(),
-            },
-            "terms": series.terms,
-            "refused": series.refused,
+            "frame": vars(frame),
+            **{name: getattr(series, name) for name in ("terms", "refused", "n_effective", "stretches")},
             "covered": stretches_deg(series.covered),
-            "n_effective": series.n_effective,
-            "stretches": series.stretches,
             "spikes": int(np.sum(~used)),
             "cannot_tell": list(AMBIGUITY),
         },
@@ -173,7 +165,7 @@ def _sources(
         Source("structure", series.structure_deg, "rms by sectors of 10° of what the series leaves, beyond noise"),
         Source("one reading", scatter_deg, "scatter of single differences, both compasses"),
         Source("clocks", by_clock, "standard uncertainty of the offset times the mean rate of turn"),
-        Source("tilts", lever * frame.rms_deg, "what is left of the tilts, times the tangent of the tilt"),
+        Source("tilts", lever * frame.residual_rms_deg, "what is left of the tilts, times the tangent of the tilt"),
         Source("resolution", 0.01 / np.sqrt(12.0), "PD0 headings count hundredths of a degree: uniform"),
     )
 
@@ -202,7 +194,7 @@ class Frame:
     """Mounting of b relative to a."""
 
     rotation: Floats  # (3, 3) from a's body to b's
-    rms_deg: float  # of the angle between the downward vectors of b and of a after the rotation
+    residual_rms_deg: float  # of the angle between the downward vectors of b and of a after the rotation
     verdict: str  # rigid | doubtful | not rigid | mirrored | not testable
     text: str
 
