@@ -17,7 +17,7 @@ from compasslib.deviation.doubts import Doubt, doubt_whole_record, evaluate_doub
 from compasslib.deviation.exact import MIN_SLOPE, correct_roots, heading_sensitivity, reading_slope
 from compasslib.deviation.likelihood import scatter_density, scatter_widths, squared_chords
 from compasslib.deviation.model import UNKNOWN_COVARIANCE, DeviationFit, covariance_sigma, observed_heading, pair_speeds
-from compasslib.deviation.reference import declination_sigma
+from compasslib.deviation.reference import constant_sigma, declination_sigma
 from compasslib.deviation.series import series_sigma
 from compasslib.records import (
     BAD,
@@ -191,7 +191,10 @@ def reference_modes(fit: DeviationFit, heading_deg: Floats) -> Floats:
         constant, sigma = float(angles.direction(constant, 1.0)), sigma / (1.0 + constant**2) / angles.DEGREE
     if reference.veer_included:
         sigma = float(np.sqrt(max(sigma**2 - reference.veer_deg**2, 0.0)))
-    further = reference.further_deg(float(angles.wrap180(constant)), sigma)
+    error = float(np.hypot(reference.constant_deg, reference.veer_deg))
+    included = reference.veer_deg if reference.veer_included else 0.0  # in the covariance
+    whole = constant_sigma(float(angles.wrap180(constant)), sigma, error)
+    further = np.sqrt(reference.share * max(whole**2 - included**2, 0.0))
     by_iron = np.nan_to_num(heading_sensitivity(fit, heading_deg) @ reference.iron)
     return np.column_stack([np.full(len(heading_deg), further), by_iron])
 

@@ -56,12 +56,6 @@ class ReferenceErrors:
     veer_included: bool  #: whether the covariance of the fit includes the mean veer
     share: float = 1.0  #: probability that the compass has a deviation, and follows the reference
 
-    def further_deg(self, constant_deg: float, sigma_deg: float) -> float:
-        """Compute the standard deviation of the constant error of all headings that the covariance lacks, degrees."""
-        whole = constant_sigma(constant_deg, sigma_deg, float(np.hypot(self.constant_deg, self.veer_deg)))
-        included = self.veer_deg if self.veer_included else 0.0
-        return float(np.sqrt(self.share * max(whole**2 - included**2, 0.0)))
-
 
 def iron_pattern(pairs: Pairs) -> Floats:
     """Compute the error of the reference's directions by one σ of its B and of its C, (n, 2) degrees."""

@@ -61,11 +61,6 @@ def _lobe(order: float) -> EffectTarget:
     )  # fmt: skip
 
 
-def _add_bias(size: Floats, x: Floats, scene: Scene) -> Floats:
-    sine, cosine = (scene.departures[name] for name in ("body_flow_sine", "body_flow_cosine"))
-    return -(size[:, 1] * cosine - size[:, 0] * sine) / angles.DEGREE
-
-
 FIELD_STEP, BIAS_STEP = 200.0, 0.003
 LOBES = {"lobe3": 3.0, "lobe4": 4.0}
 TARGETS: Mapping[str, EffectTarget] = {
@@ -82,7 +77,10 @@ TARGETS: Mapping[str, EffectTarget] = {
         "water", needs=("body_flow_sine2",),
     ),
     "flow_offset": EffectTarget(
-        (("forward", "m/s", BIAS_STEP), ("starboard", "m/s", BIAS_STEP)), "water", _add_bias,
+        (("forward", "m/s", BIAS_STEP), ("starboard", "m/s", BIAS_STEP)), "water",
+        lambda size, _, scene: (
+            size[:, 0] * scene.departures["body_flow_sine"] - size[:, 1] * scene.departures["body_flow_cosine"]
+        ) / angles.DEGREE,
         "water", needs=("body_flow_sine", "body_flow_cosine"),
     ),
     "flow_direction": EffectTarget((("veer", "degrees", 1.0),), "water", lambda size, *_: size[:, 0], "water"),
