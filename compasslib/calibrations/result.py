@@ -231,11 +231,10 @@ def compare_all(name: str, content: Mapping[str, Any], earlier: Mapping[str, Map
 
 
 def compare(after: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
-    """Compare a calibration with an earlier one of the same compass, such as before its batteries were demagnetised.
+    """Compare a calibration with an earlier one of the same compass, by the p-value (chi square) of no difference.
 
-    Le Menn et al. 2023, sections 3 and 4, compare curves by eye and by their phase shift. Here the difference of each
-    coefficient is given with its uncertainty, and with the p-value (chi square) of no difference. The budgets are
-    not included, as errors common to both calibrations cancel.
+    Le Menn et al. 2023, sections 3 and 4, compare curves by eye and by their phase shift. Errors common to both
+    calibrations cancel: the budgets are not included.
     """
     name = before["name"]
     if after["coefficients"] is None or before["coefficients"] is None:
@@ -249,11 +248,6 @@ def compare(after: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, An
     both = np.isfinite(off)
     square = off[both] @ np.linalg.pinv(covariance[np.ix_(both, both)]) @ off[both]
     p_value = float(chdtrc(int(both.sum()), square))
-    difference = {}
-    for k in np.flatnonzero(both):
-        value, sigma = float(off[k]), float(np.sqrt(covariance[k, k]))
-        z = value / sigma if sigma > 0 else float("nan")
-        difference[LETTERS[k]] = {"value_deg": value, "sigma_deg": sigma, "z": z}
     here, there = (_polar(*each) for each in zip(values, spreads, strict=True))
     change, sigma = here[0] - there[0], float(np.hypot(here[1], there[1]))
     size = {"after": here[0], "before": there[0], "difference": change, "sigma": sigma}
@@ -267,7 +261,6 @@ def compare(after: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, An
     return {
         "with": name,
         "one_cycle": {"amplitude_deg": size, "phase_deg": phase},
-        "difference": difference,
         "p_value": p_value,
         "differ": differ,
         "text": f"This calibration and {name} {'differ' if differ else 'do not differ significantly'} ({chance}). "

@@ -10,8 +10,13 @@ import numpy as np
 from compasslib import angles, earthfield
 from compasslib.deviation.exact import constant_sigmas, fit_exact
 from compasslib.deviation.likelihood import normal_density
-from compasslib.deviation.model import MIN_PAIRS, DeviationFit, heading_residual
-from compasslib.deviation.reference import ALIGNMENT_SIGMA_DEG, CONSTANT_SIGMA_DEG
+from compasslib.deviation.model import (
+    ALIGNMENT_SIGMA_DEG,
+    CONSTANT_SIGMA_DEG,
+    MIN_PAIRS,
+    DeviationFit,
+    heading_residual,
+)
 from compasslib.records import EarthField, Pairs
 from compasslib.statistics.noise import effective_sample_size
 

@@ -16,8 +16,15 @@ from compasslib.deviation.branches import HeadingDecision, choose_branches, open
 from compasslib.deviation.doubts import Doubt, doubt_whole_record, evaluate_doubts
 from compasslib.deviation.exact import MIN_SLOPE, correct_roots, heading_sensitivity, reading_slope
 from compasslib.deviation.likelihood import scatter_density, scatter_widths, squared_chords
-from compasslib.deviation.model import UNKNOWN_COVARIANCE, DeviationFit, covariance_sigma, observed_heading, pair_speeds
-from compasslib.deviation.reference import constant_sigma, declination_sigma
+from compasslib.deviation.model import (
+    UNKNOWN_COVARIANCE,
+    DeviationFit,
+    constant_sigma,
+    covariance_sigma,
+    declination_sigma,
+    observed_heading,
+    pair_speeds,
+)
 from compasslib.deviation.series import series_sigma
 from compasslib.records import (
     BAD,

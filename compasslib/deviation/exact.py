@@ -13,18 +13,8 @@ from numpy.typing import NDArray
 
 from compasslib import angles, compass
 from compasslib.deviation import likelihood, model
-from compasslib.deviation.likelihood import (
-    CELL_DEG,
-    CELLS,
-    EXACT,
-    FINE,
-    STUDENT_DOF,
-    BinnedSample,
-    CurveForm,
-    HeadingGrid,
-)
-from compasslib.deviation.model import MIN_PAIRS, CoefficientPrior, DeviationFit, ScatterNoise
-from compasslib.deviation.reference import iron_pattern, reference_errors
+from compasslib.deviation.likelihood import CELL_DEG, CELLS, EXACT, FINE, STUDENT_DOF, CurveForm
+from compasslib.deviation.model import DeviationFit, ScatterNoise
 from compasslib.deviation.series import invert_series, series_design, series_slope
 from compasslib.records import Pairs
 from compasslib.statistics.least_squares import minimize_bfgs
@@ -32,7 +22,7 @@ from compasslib.statistics.noise import effective_sample_size
 from compasslib.statistics.resampling import block_jackknife, block_sums, blocks_by_span
 from compasslib.types import DAY_S, Floats
 
-Priors = tuple[CoefficientPrior, ...]  # of A..E and log(compass noise / degree)
+Priors = tuple[model.CoefficientPrior, ...]  # of A..E and log(compass noise / degree)
 
 STRENGTHS = (0.0, 0.3, 0.6, 0.85, 1.1, 1.35, 1.7, 2.2)  # hard iron over the earth's horizontal field
 START_NOISE = ScatterNoise(floor_deg=10.0, slow_deg_m_s=2.0, outliers=0.02)
@@ -41,8 +31,8 @@ TURNS_DEG = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)  # constant rotations of all
 ROUNDS = 2  # repetitions of a fit with its updated noise or prior
 
 
-def _about_zero(*sigma: float) -> tuple[CoefficientPrior, ...]:
-    return (CoefficientPrior(np.zeros(6), np.diag(np.array(sigma) ** -2.0)),)
+def _about_zero(*sigma: float) -> tuple[model.CoefficientPrior, ...]:
+    return (model.CoefficientPrior(np.zeros(6), np.diag(np.array(sigma) ** -2.0)),)
 
 
 # Weak priors that only matter without data, of A..E and log(compass noise / degree).
@@ -59,7 +49,7 @@ NOISE_PRIOR = np.array([np.log(8.0), np.log(2.5), -4.0])  # means of weak priors
 
 def fit_exact(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
     """Fit the exact compass to the pairs by penalized maximum likelihood, from ``near`` if its fold is known."""
-    if len(pairs) < MIN_PAIRS:
+    if len(pairs) < model.MIN_PAIRS:
         return model.unfitted("exact", len(pairs))
     overlap, prior = _overlap(pairs), None if near is None else near.prior
     state = _refined(_start(overlap, EXACT) if near is None else _at(near), overlap)
@@ -71,7 +61,7 @@ def fit_exact(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
     if prior is None or near is None:
         return _described(state, pairs, overlap)
     counted = pairs_per_independent(pairs, _described(state, pairs, overlap).n_effective)
-    others = CoefficientPrior(np.append(prior.mean, 0.0), counted * np.pad(prior.precision, (0, 1)))
+    others = model.CoefficientPrior(np.append(prior.mean, 0.0), counted * np.pad(prior.precision, (0, 1)))
     priors = (*WEAK, others)
     return replace(_described(_refined(state, overlap, priors=priors), pairs, overlap, priors), prior=prior)
 
@@ -90,7 +80,7 @@ def constant_sigmas(pairs: Pairs, fit: DeviationFit) -> float:
     return float(np.sqrt(max(2.0 * (own - other) / pairs_per_independent(pairs, fit.n_effective), 0.0)))
 
 
-def start_from_prior(prior: CoefficientPrior, pairs: Pairs) -> DeviationFit:
+def start_from_prior(prior: model.CoefficientPrior, pairs: Pairs) -> DeviationFit:
     """Make a starting fit from a prior by other records; if A is unconstrained, add the pairs' mean residual."""
     unscored = DeviationFit("exact", len(pairs), prior.mean, heading_density=np.full(CELLS, 1.0 / CELLS))
     off = model.heading_residual(unscored, pairs)
@@ -151,7 +141,7 @@ class Overlap:
     def take(self, index: NDArray[np.signedinteger]) -> Overlap:
         return Overlap(*(column[index] for column in vars(self).values()))
 
-    def sample(self, noise: ScatterNoise, grid: HeadingGrid, form: CurveForm) -> BinnedSample:
+    def sample(self, noise: ScatterNoise, grid: likelihood.HeadingGrid, form: CurveForm) -> likelihood.BinnedSample:
         density = likelihood.scatter_density(self.squared_chord, self.width_deg(noise), noise.outliers)
         return likelihood.bin_sample(self.recorded_deg, density, grid, form)
 
@@ -192,7 +182,7 @@ def _at(fit: DeviationFit) -> OptimizerState:
 
 
 def _improve(
-    state: OptimizerState, overlap: Overlap, grid: HeadingGrid, form: CurveForm, priors: Priors
+    state: OptimizerState, overlap: Overlap, grid: likelihood.HeadingGrid, form: CurveForm, priors: Priors
 ) -> OptimizerState:
     """Optimize the compass at fixed scatter, then the scatter and the distribution of headings at fixed compass."""
     data = overlap.sample(state.noise, grid, form)
@@ -216,7 +206,7 @@ def _described(state: OptimizerState, pairs: Pairs, overlap: Overlap, priors: Pr
     return replace(
         unscored,
         covariance=robust_covariance(scores, unscored, pairs, effective, priors),
-        reference=reference_errors(pairs, reference_response(unscored, pairs, priors), veer_included=True),
+        reference=model.reference_errors(pairs, reference_response(unscored, pairs, priors), veer_included=True),
         n_effective=effective,
         residual_rms_deg=angles.rms(left),
         recorded_range_deg=compass.recorded_range(parameters[:5]),
@@ -226,7 +216,9 @@ def _described(state: OptimizerState, pairs: Pairs, overlap: Overlap, priors: Pr
     )
 
 
-def _maximise(state: OptimizerState, data: BinnedSample, grid: HeadingGrid, priors: Priors) -> tuple[Floats, float]:
+def _maximise(
+    state: OptimizerState, data: likelihood.BinnedSample, grid: likelihood.HeadingGrid, priors: Priors
+) -> tuple[Floats, float]:
     def loss(at: Floats) -> tuple[float, Floats]:
         value, slopes = likelihood.log_likelihood_and_gradient(at, data, state.prior, grid)
         minus, slopes = -value, -slopes
@@ -345,7 +337,7 @@ def reference_response(fit: DeviationFit, pairs: Pairs, priors: Priors) -> Float
     weight = known * (STUDENT_DOF + 1.0) * (square - left**2) / (square + left**2) ** 2
     columns = heading_sensitivity(fit, root)
     information = (columns.T * weight) @ columns + sum(prior.precision[:5, :5] for prior in priors)
-    return np.linalg.solve(information, (columns.T * weight) @ iron_pattern(pairs))
+    return np.linalg.solve(information, (columns.T * weight) @ model.iron_pattern(pairs))
 
 
 def pairs_per_independent(pairs: Pairs, effective: float) -> float:

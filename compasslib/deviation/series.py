@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 
 from compasslib import angles
 from compasslib.deviation import model
-from compasslib.deviation.model import DeviationFit
-from compasslib.deviation.reference import iron_pattern, reference_errors
+from compasslib.deviation.model import DeviationFit, iron_pattern, reference_errors
 from compasslib.records import Pairs
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.types import Floats

@@ -24,7 +24,7 @@ from compasslib.deviation.correction import (
     tabulate_deviation,
 )
 from compasslib.deviation.doubts import evaluate_doubts
-from compasslib.deviation.reference import declination_sigma, reference_compass
+from compasslib.deviation.model import declination_sigma, reference_compass
 from compasslib.inference import covariates
 from compasslib.inference import product as products
 from compasslib.inference.product import CorrectionModel

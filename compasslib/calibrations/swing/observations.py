@@ -111,7 +111,6 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
     if not known.timed:
         return known
     known = take(known, np.argsort(known.time_s, kind="stable"))
-    known = known.keep(~isolated_readings(known.time_s, known.recorded_deg), "unlike the readings before and after")
     steps = angles.difference(known.recorded_deg[1:], known.recorded_deg[:-1])
     turned = np.cumsum(np.append(known.recorded_deg[:1], steps))
     # Rate of turn over the seconds before each sample, interpolated where these are too few.
@@ -156,18 +155,6 @@ def _read_tables(files: Sequence[str | Path], settings: Mapping[str, Any]) -> tu
         notes = (*notes, "both true_deg and cog_deg are there: the true heading is used, the course is not")
     wrapped = {role: angles.wrap360(x) if role.endswith("_deg") else x for role, x in columns.items()}
     return wrapped, {"warnings": notes}
-
-
-def isolated_readings(time_s: Floats, recorded_deg: Floats) -> Bools:
-    """Flag readings, as dropouts logged as 0, that agree within 40° with under half of three neighbours a side."""
-    n, agree, near = len(time_s), np.zeros(len(time_s)), np.zeros(len(time_s))
-    for k in range(1, min(3, n - 1) + 1):
-        close = time_s[k:] - time_s[:-k] <= TURN_WINDOW_S / 2.0
-        alike = close & (np.abs(angles.difference(recorded_deg[k:], recorded_deg[:-k])) <= 40.0)
-        for part in (slice(k, n), slice(0, n - k)):
-            near[part] += close
-            agree[part] += alike
-    return (near > 3) & (agree < near / 2.0)
 
 
 def _with_delay(known: Observations, turned_deg: Floats, max_lag_s: float) -> Observations:
