@@ -85,10 +85,14 @@ class DeviationFit:
         """Convert to the content of deviation.json; some values are left out where they are the usual ones."""
         usual = {"fixed": False, "iron_declared": False, "covariance_known": True, "prior": None}
         stated = {name: value for name, value in vars(self).items() if name not in usual or value is not usual[name]}
-        parts = {name: part and vars(part) for name, part in stated.items() if name in ("noise", "prior", "reference")}
+        parts = {
+            name: part and listed(part) for name, part in stated.items() if name in ("noise", "prior", "reference")
+        }
         letters = dict(zip(LETTERS, self.coefficients.tolist(), strict=True)) if self.fitted else None
-        unit, covariance = "degrees" if self.method == "von_appen" else "1", self.covariance if self.fitted else None
-        return {**stated, **parts, "coefficients": letters, "unit": unit, "covariance": covariance}
+        unit, covariance = "degrees" if self.method == "von_appen" else "1", self.covariance.tolist()
+        density = self.heading_density.tolist()
+        stated |= {"coefficients": letters, "unit": unit, "covariance": covariance or None, "heading_density": density}
+        return stated | parts
 
     @property
     def fitted(self) -> bool:
@@ -99,6 +103,11 @@ class DeviationFit:
     def known_beforehand(self) -> bool:
         """Whether it is an exact compass known beforehand, which the pairs check but do not change."""
         return self.method in ("calibration", "coefficients")
+
+
+def listed(part: Any) -> dict[str, Any]:
+    """List the fields of a dataclass, with arrays as lists."""
+    return {name: x.tolist() if isinstance(x, np.ndarray) else x for name, x in vars(part).items()}
 
 
 def fit_from_json(content: Mapping[str, Any]) -> DeviationFit:

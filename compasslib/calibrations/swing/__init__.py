@@ -193,7 +193,7 @@ def _certificate(
         "iso_25862": adjustment.verdict(table, options.vessel_length_m, details["speed_kn"]),
         "nullify": magnets,
         "correctors": correctors,
-        "directive_force": adjustment.directive_force(coefficients, table.heading_deg),
+        "directive_force": adjustment.directive_force(coefficients, table.heading_deg).tolist(),
     }
     sources = tuple(Source(name, float(np.sqrt(x)), how) for (name, how), x in squares.items() if x > 1e-12)
     return {"table": table, "sources": sources, "details": {**details, **more}}

@@ -124,7 +124,7 @@ def calibrate_pairs(pairs: PairedHeads, clock: ClockDifference, warnings: tuple[
             "offset_deg": offset,
             "offset_sigma_deg": float(np.sqrt(series.covariance[0, 0])),
             "clock": clock.to_json(),
-            "frame": vars(frame),
+            "frame": vars(frame) | {"rotation": frame.rotation.tolist()},
             **{name: getattr(series, name) for name in ("terms", "refused", "n_effective", "stretches")},
             "covered": stretches_deg(series.covered),
             "spikes": int(np.sum(~used)),
