@@ -178,10 +178,7 @@ def _agreement(east: Floats, north: Floats, pairs: Pairs) -> dict[str, Any]:
 
 
 def confidence_intervals(off_deg: Floats, time_s: Floats) -> dict[str, tuple[float, float]]:
-    """Compute 95 % intervals of circular mean, rms and median absolute value of autocorrelated differences.
-
-    That of the median is based on order statistics; that of the rms is symmetric in its logarithm.
-    """
+    """Compute 95 % intervals of circular mean, rms and median absolute value of autocorrelated differences."""
     mean, squared = float(angles.wrap180(angles.mean(off_deg))), off_deg**2
     about, rms = angles.difference(off_deg, mean), angles.rms(off_deg)
     independent = min(effective_sample_size(about, time_s), effective_sample_size(squared, time_s))

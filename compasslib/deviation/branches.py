@@ -1,10 +1,8 @@
 """Choice between the two headings of a folded compass, by a hidden Markov model over the whole record.
 
-Where iron is stronger than the earth's horizontal field each recorded heading has two correct ones. The correct heading
-is a hidden state on a circle of cells. It changes little from sample to sample; when the instrument turns, the current
-turns the other way in its frame, because currents change slowly: on the right branch the current is steady, on the
-wrong one it turns by twice the angle. The wake favours some headings, and the recorded heading and any overlapping
-reference are observations. Forward and backward passes yield the distribution of the heading at every sample.
+The correct heading is a hidden state on a circle of cells that changes little from sample to sample. When the
+instrument turns, the current, which changes slowly, turns the other way in its frame: on the wrong branch it turns by
+twice the angle. The wake favours some headings; recorded heading and any overlapping reference are observations.
 """
 
 from __future__ import annotations
@@ -55,10 +53,7 @@ def single_branch(root_deg: Floats, slope: Floats) -> HeadingDecision:
 def choose_branches(
     readings: Readings, along: CompassSeries, fit: DeviationFit, overlap: NDArray[np.intp], scatter: Floats
 ) -> HeadingDecision:
-    """Choose the heading at each sample of a compass that may be folded.
-
-    ``scatter`` is the density of the headings observed at the samples ``overlap``, on the cells, (k, CELLS).
-    """
+    """Choose the heading at each sample by the record and the headings observed (``scatter``) at ``overlap``."""
     roots = along.roots()
     if not np.isfinite(roots[:, 1]).any():
         return single_branch(roots[:, 0], compass.slope(along.coefficients, roots[:, 0] - along.north_deg))

@@ -186,10 +186,7 @@ def correct_headings(
 
 
 def reference_modes(fit: DeviationFit, heading_deg: Floats) -> Floats:
-    """Decompose the error of correct headings due to the reference into modes, (n, 3) degrees per unit normal.
-
-    They are a constant, with what the covariance lacks of the mean veer, and the reference's B and C; 0 if not stated.
-    """
+    """Decompose the error of headings due to the reference, (n, 3) degrees: constant with veer, its B and C."""
     reference = fit.reference
     if reference is None or not fit.fitted:
         return np.zeros((len(heading_deg), 3))
@@ -241,10 +238,7 @@ LOOKUP_COLUMNS = ("recorded_deg", "corrected_deg", "deviation_deg", "sigma_deg",
 def tabulate_deviation(
     fit: DeviationFit, unmodelled_deg: float = 0.0, doubts: Sequence[Doubt] = ()
 ) -> dict[str, Floats]:
-    """Tabulate the level compass on known branches at every whole degree that it records, by ``LOOKUP_COLUMNS``.
-
-    The root is 1 (larger slope) or 2; the standard deviation includes doubts about the whole record.
-    """
+    """Tabulate the level compass at every whole degree that it records; root 1 has the larger slope."""
     if not fit.fitted:
         return {name: np.zeros(0) for name in LOOKUP_COLUMNS}
     roots = correct_roots(fit, np.arange(360.0))

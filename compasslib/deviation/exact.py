@@ -157,10 +157,7 @@ class OptimizerState:
 
 
 def _start(overlap: Overlap, form: CurveForm, priors: Priors = WEAK) -> OptimizerState:
-    """Optimize from the best of many strengths and directions of the iron, using 900 pairs with the least scatter.
-
-    The scatter is refitted at each maximum: too wide a one blurs a fold, and a wrong compass then fits as well.
-    """
+    """Optimize from the best of many strengths and directions of the iron, using 900 pairs with the least scatter."""
     width = overlap.width_deg(START_NOISE)
     clear = np.sort(np.argsort(width, kind="stable")[: max(len(width) // 2, 900)])
     few = overlap.take(clear[:: max(1, len(clear) // 900)])
@@ -172,7 +169,7 @@ def _start(overlap: Overlap, form: CurveForm, priors: Priors = WEAK) -> Optimize
     states = [OptimizerState(starts[i], START_NOISE, prior) for i in np.argsort(values)[:5]]
     states = [_improve(state, few, likelihood.COARSE, form, HARD_IRON_FIRST) for state in states]
     states = sorted(states, key=lambda state: state.loss)[:2]
-    for _ in range(ROUNDS):
+    for _ in range(ROUNDS):  # too wide a scatter blurs a fold, and a wrong compass fits as well: it is refitted first
         states = [_improve(state, few, likelihood.COARSE, form, priors) for state in states]
     return min(states, key=lambda state: state.loss)
 
@@ -322,10 +319,7 @@ def robust_covariance(scores: Floats, fit: DeviationFit, pairs: Pairs, effective
 
 
 def reference_response(fit: DeviationFit, pairs: Pairs, priors: Priors) -> Floats:
-    """Compute the change of A..E by one standard deviation of the reference's B and of its C, (5, 2).
-
-    It is the least-squares fit of the errors, weighted by the second derivatives of the fit's log density.
-    """
+    """Compute the change of A..E by one σ of the reference's B and of its C, (5, 2), by weighted least squares."""
     observed = model.observed_heading(pairs)
     root = model.nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
     known = np.isfinite(root)

@@ -77,10 +77,7 @@ class HeadingGrid:
 
     @cached_property
     def hats(self) -> Floats:
-        """Cubic B-spline weights from the fine headings to the cells, (fine, CELLS).
-
-        Linear hats have a kink at every cell, which would make the likelihood rough where it is flat.
-        """
+        """Cubic B-spline weights from the fine headings to the cells, (fine, CELLS): hats have kinks at every cell."""
         away = np.abs(angles.difference(self.heading_deg[:, None], CELL_CENTRES)) / CELL_DEG
         inner = 2.0 / 3.0 - away**2 + away**3 / 2.0
         outer = np.maximum(2.0 - away, 0.0) ** 3 / 6.0

@@ -278,10 +278,7 @@ ORIENTATION = (0.5, 2.0)  # a dipole's field along its axis is twice that across
 
 
 def estimate_safe_distance(fit: DeviationFit, sphere_distance_m: tuple[float, float] | None) -> dict[str, Any] | None:
-    """Estimate the deviation at other distances from the iron's centre, asin(|p| (r0/r)^3), by bounds of r0.
-
-    |p| is the field of hard and induced iron over the earth's horizontal one, at this latitude, with its 95 % interval.
-    """
+    """Estimate the deviation at other distances from the iron's centre, asin(|p| (r0/r)^3), by bounds of r0 and |p|."""
     if sphere_distance_m is None or not fit.fitted or fit.method == "von_appen":
         return None
     b_c = fit.coefficients[1:3]
@@ -319,10 +316,7 @@ def declination_sigma(field: EarthField) -> float:
 def reference_compass(
     name: str, field: EarthField, *, magnetic: bool, sigma_deg: float | None = None, iron_nT: float | None = None
 ) -> ReferenceCompass:
-    """Describe the compass of a reference by the keys of its instrument, ``compass_sigma_deg`` and ``compass_iron_nT``.
-
-    True directions were rotated by another declination, whose error is added to the usual standard deviation.
-    """
+    """Describe the compass of a reference by its keys; true directions add the error of another declination."""
     horizontal, declination = float(np.mean(field.horizontal_nT)), declination_sigma(field)
     dip_ratio = abs(float(np.mean(field.vertical_nT))) / horizontal
     usual = CONSTANT_SIGMA_DEG if magnetic else float(np.hypot(CONSTANT_SIGMA_DEG, declination))

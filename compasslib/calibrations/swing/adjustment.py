@@ -75,10 +75,7 @@ def error_bound_deg(ratio: float) -> float:
 
 
 def set_and_drift_terms(ratio: float, set_deg: float) -> dict[str, float]:
-    """Compute the corrections for a drift over the ship's speed and a magnetic set (towards), MM (22), (37), (43).
-
-    B = B bar + x, C = C bar - y, E = E bar + xy (its second-order term), D = D bar - (x2 - y2)/2.
-    """
+    """Compute x, y and the terms of D and E by drift over ship's speed and magnetic set, MM (22), (37), (43)."""
     (sine, cosine), (sine2, cosine2) = angles.sin_cos(set_deg), angles.sin_cos(2.0 * set_deg)
     first, second = ratio / angles.DEGREE, error_bound_deg(ratio)
     terms = {"x": first * cosine, "y": first * sine, "E": second * sine2, "D": second * cosine2}
@@ -91,10 +88,7 @@ def residual_b_and_c(
     drift_ratio: float,  # largest; 0 where courses are not over ground
     speed_kn: Mapping[str, float] | None,  # over ground, by point
 ) -> dict[str, Any]:
-    """Correct B bar and C bar for the water by one mark, by two and by the speeds on opposite courses, where given.
-
-    The speed through the water must be the same on opposite courses.
-    """
+    """Correct B bar and C bar for the water by one mark, by two and by the speeds on opposite courses, where given."""
     residual: dict[str, Any] = {}
     if not np.isfinite([principal[k] for k in ("A", "D", "E", "B_bar", "C_bar")]).all():
         return residual
@@ -240,10 +234,7 @@ def nullifying(letter: str, value_deg: float) -> str:
 def adjust(
     coefficients: Floats, first: tuple[str, str] = ("E", "N"), water_deg: tuple[float, float] = (0.0, 0.0)
 ) -> list[dict[str, Any]]:
-    """Simulate the adjustment on four cardinal courses: nullify on the first two, halve on their opposites.
-
-    The remaining B and C are x and -y, MM (22), caused by the drift of the water; A, D and E do not change.
-    """
+    """Simulate the adjustment: nullify on two cardinal courses, halve on their opposites, MM (6) to (34)."""
     letters = dict(zip(LETTERS, (float(k) for k in coefficients), strict=True))
     drift = {"B": -water_deg[0], "C": water_deg[1]}  # in the pseudo-deviation, MM (23) to (26), first order
     opposite, steps = dict(zip("NESW", "SWNE", strict=True)), []

@@ -275,10 +275,7 @@ def _daily_finding(compared: FieldComparison) -> Finding | None:
 
 
 def _storm_findings(compared: FieldComparison, series: FieldSeries) -> list[Finding]:
-    """Describe the largest storms.
-
-    Each is scored by interpolation between held-out stretches: this shows that it is continuous in time and not noise.
-    """
+    """Describe the largest storms, each scored by interpolation between held-out stretches: it is no noise."""
     calm, more = compared.disturbed_deg[~compared.stormy], max(len(compared.storms) - MOST_STORMS, 0)
     noise_deg = angles.rms(calm) if calm.size else float("nan")
     result = []

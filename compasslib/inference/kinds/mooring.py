@@ -275,17 +275,9 @@ def clock_findings(
     ):
         if is_named:
             chances = comparison.equal_chances(term.name, *[other.name] * clock.ambiguous)
-            result.append(
-                comparison.build_finding(
-                    compared,
-                    term,
-                    chances,
-                    {term.fitted()[0]: Parameter(value, sigma, term.units()[0])},
-                    size_deg=size,
-                    proof=proof,
-                    place=compared.where("time", compared.span_s),
-                )
-            )
+            parameters = {term.fitted()[0]: Parameter(value, sigma, term.units()[0])}
+            made = {"size_deg": size, "proof": proof, "place": compared.where("time", compared.span_s)}
+            result.append(comparison.build_finding(compared, term, chances, parameters, **made))
     return result
 
 

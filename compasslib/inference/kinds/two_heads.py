@@ -58,8 +58,7 @@ def diagnose_motion(
     a: Motion, b: Motion, *, farthest_s: float, field: Mapping[str, float] | None, options: Options
 ) -> Diagnosis:
     """Diagnose two heads by their own clocks, which may differ by ``farthest_s``, of unrelated ones by a day."""
-    given, pairs, clock = motion.pair_samples(a, b, NO_DIFFERENCE), None, NO_DIFFERENCE
-    count = min(len(a.time_s), len(b.time_s))
+    pairs, clock, count = None, NO_DIFFERENCE, min(len(a.time_s), len(b.time_s))
     if count >= two_heads.MIN_SAMPLES:
         pairs, clock = _align(a, b, farthest_s)
         count = len(pairs)
@@ -72,7 +71,7 @@ def diagnose_motion(
             "up to a day makes them: the heads do not stand on one frame, or did not measure together"
         )
         return diagnosis.insufficient(why, UNTESTED)
-    compared = _compare(pairs, clock, a, field)
+    given, compared = motion.pair_samples(a, b, NO_DIFFERENCE), _compare(pairs, clock, a, field)
     missing = () if clock.determined else (("clock_offset", "headings and tilts hardly change together"),)
     return diagnosis.combine_outcomes(
         [build_outcome(short_search.search_effects(compared, options), options.min_effect_deg)],
