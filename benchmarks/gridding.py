@@ -25,7 +25,7 @@ from compasslib.demo import adcp, compass, sealed, water
 from compasslib.demo import water as sea
 from compasslib.demo.adcp import Setup
 from compasslib.demo.sealed import Effect, Ground, Wish
-from compasslib.deviation.reference import declination_sigma
+from compasslib.deviation.model import declination_sigma
 from compasslib.earthfield import field_from_json
 from compasslib.pipeline import process
 from tests.world import draw

@@ -23,8 +23,8 @@ from compasslib.archive.files import (
     write_csv,
 )
 from compasslib.archive.netcdf import seconds_since_1970
+from compasslib.deviation.assessment import BIN_DEG, BINS, QUANTITIES, Counts
 from compasslib.deviation.correction import LOOKUP_COLUMNS
-from compasslib.deviation.histograms import BIN_DEG, BINS, QUANTITIES, Counts
 from compasslib.records import BAD, Pairs
 from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 

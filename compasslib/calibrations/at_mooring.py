@@ -11,20 +11,10 @@ import numpy as np
 from compasslib import angles, compass
 from compasslib.calibrations.curves import CIRCLE_DEG, EMPIRICAL
 from compasslib.calibrations.result import LETTERS
+from compasslib.deviation import model as models
 from compasslib.deviation.exact import smooth_density
 from compasslib.deviation.likelihood import CELLS
-from compasslib.deviation.model import (
-    IRON_NT,
-    UNKNOWN_COVARIANCE,
-    DeviationFit,
-    FieldAtPlace,
-    PlacedCoefficients,
-    ScatterNoise,
-    TransferredCoefficients,
-    heading_residual,
-    observed_heading,
-    transfer_coefficients,
-)
+from compasslib.deviation.model import IRON_NT, DeviationFit, FieldAtPlace, PlacedCoefficients, TransferredCoefficients
 from compasslib.deviation.series import invert_series, series_range
 from compasslib.records import BAD, EarthField, Pairs, Record
 from compasslib.statistics.noise import effective_sample_size
@@ -42,11 +32,7 @@ def carry_to_mooring(
     parts: Sequence[str] = (),  # parts near the mooring's compass
     iron_nT: float = IRON_NT,  # prior standard deviation of hard and of induced iron, see ``transfer_coefficients``
 ) -> tuple[DeviationFit, dict[str, Any]]:
-    """Transfer the exact compass of one calibration, or of one before and one after, to a mooring's field, unfitted.
-
-    Returns:
-        The model, without coefficients if the transfer is impossible, and its origin for deviation.json.
-    """
+    """Transfer one calibration, or one before and one after, to a mooring's field: the model and its origin."""
     sources = [{key: content[key] for key in ("name", "kind", "place")} for content in contents]
     origin: dict[str, Any] = dict(zip(("calibration", "calibration_after"), sources, strict=False))
     if missing := [f"calibration {each['name']}: {why}" for each in contents if (why := _missing_part(each, field))]:
@@ -69,7 +55,7 @@ def carry_to_mooring(
         origin["calibration_change"] = {"rms_deg": size, "text": text}
         warnings.append(text)
     scatter = max(content["residual_rms_deg"] or 0.0 for content in contents)
-    noise = ScatterNoise(compass_deg=float(np.clip(scatter, 0.8, 8.0)))
+    noise = models.ScatterNoise(compass_deg=float(np.clip(scatter, 0.8, 8.0)))
     known = transferred.coefficients, transferred.covariance
     fit = DeviationFit(METHOD, len(pairs), *known, noise=noise, warnings=tuple(warnings))
     return evaluate_on_record(fit, record, pairs), origin
@@ -102,12 +88,12 @@ def compass_from_coefficients(
         spread,
         fixed=True,
         covariance_known=known,
-        warnings=() if known else (UNKNOWN_COVARIANCE,),
+        warnings=() if known else (models.UNKNOWN_COVARIANCE,),
     )
     if exact:
         return evaluate_on_record(fit, record, pairs)
     recorded_range, folded = series_range(values)
-    residual = angles.difference(observed_heading(pairs), invert_series(values, pairs.heading_deg))
+    residual = angles.difference(models.observed_heading(pairs), invert_series(values, pairs.heading_deg))
     return _with_residual(fit, residual, pairs, recorded_range_deg=recorded_range, folded=folded)
 
 
@@ -119,7 +105,7 @@ def evaluate_on_record(fit: DeviationFit, record: Record, pairs: Pairs) -> Devia
     count = np.histogram(roots[np.isfinite(roots)], CELLS, (0.0, 360.0))[0]
     return _with_residual(
         fit,
-        heading_residual(fit, pairs),
+        models.heading_residual(fit, pairs),
         pairs,
         recorded_range_deg=compass.recorded_range(fit.coefficients),
         folded=not compass.turns_full_circle(fit.coefficients),
@@ -166,4 +152,4 @@ def _transfer(contents: Sequence[Mapping[str, Any]], field: EarthField, iron_nT:
             PlacedCoefficients(coefficients, covariance, FieldAtPlace(home["horizontal_nT"], home["vertical_nT"]))
         )
     away = FieldAtPlace(float(np.mean(field.horizontal_nT)), float(np.mean(field.vertical_nT)))
-    return transfer_coefficients(placed, away, iron_nT)
+    return models.transfer_coefficients(placed, away, iron_nT)

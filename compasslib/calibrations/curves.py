@@ -1,9 +1,4 @@
-"""Deviation curves fitted to reference and recorded headings by weighted least squares, in five forms.
-
-Series in the recorded heading are one cycle (Le Menn et al. 2023, eq. 3), Smith's five terms (eq. 5 with von Appen's
-letters: D goes with sin 2, E with cos 2), a polynomial of degree six (eq. 7) and six harmonics; the fifth form is the
-exact compass of Evans and Smith. Forms are compared by their leave-one-out residuals.
-"""
+"""Deviation curves fitted to reference and recorded headings by weighted least squares (Le Menn et al. 2023)."""
 
 from __future__ import annotations
 
@@ -242,11 +237,9 @@ def fit_curve(form: CurveForm, points: Points) -> FittedCurve | str:
 
 
 def select_curve(curves: Sequence[FittedCurve]) -> FittedCurve:
-    """Select the first curve, unless another one predicts left-out points better.
-
-    A form with more coefficients must be better by twice the standard error of the difference, one with as many just
-    better. Forms with fewer are contained in the first: their uncertainty would neglect the omitted terms.
-    """
+    """Select the first curve, unless another one with as many or more coefficients predicts left-out points better."""
+    # Forms with fewer coefficients are contained in the first: their uncertainty would neglect the omitted terms. More
+    # coefficients must be better by twice the standard error of the difference.
     best = curves[0]
     for other in (curve for curve in curves[1:] if curve.dof <= best.dof and best.dof >= 3):
         gain = best.left_out_deg**2 - other.left_out_deg**2

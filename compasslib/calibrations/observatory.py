@@ -1,8 +1,4 @@
-"""Observatory declination compared with IGRF: slow level, quiet-day curve, storms and their constant difference.
-
-The constant is mostly the crustal field. No compass is calibrated: A is the observed minus the model's declination, B
-to E have no meaning here.
-"""
+"""Observatory declination compared with IGRF: slow level, quiet-day curve, storms, and a constant."""
 
 from __future__ import annotations
 
@@ -121,11 +117,7 @@ def _station_place(series: FieldSeries, settings: Mapping[str, Any]) -> tuple[fl
 
 
 def station_field(series: FieldSeries, settings: Mapping[str, Any], where: str) -> tuple[EarthField, list[str]]:
-    """Evaluate the field model, or the declination of the settings, along a series; with ``check_field``'s warnings.
-
-    Raises:
-        InputError: the position is unknown, a date lies outside the model, or the field is not that of the place.
-    """
+    """Evaluate the field model, or the declination of the settings, along a series; with ``check_field``'s warnings."""
     latitude, longitude = place = _station_place(series, settings)
     if not np.isfinite(latitude + longitude):
         expected = "geodetic latitude and longitude in the header"
@@ -139,11 +131,7 @@ def station_field(series: FieldSeries, settings: Mapping[str, Any], where: str) 
 
 
 def check_field(series: FieldSeries, place: tuple[float, float]) -> list[str]:
-    """Warn if the medians of a month of a file are not the model's at its place, (latitude, longitude), if known.
-
-    Raises:
-        InputError: a mistake that affects the declination is identified, or the field is impossible at that place.
-    """
+    """Warn if a month's medians are not the model's at the place (latitude, longitude); refuse the impossible."""
     warnings: dict[str, str] = {}
     known = np.isfinite(series.declination_deg)
     if not (np.isfinite(place).all() and known.any()):
@@ -227,10 +215,7 @@ def _step(time_s: Floats, otherwise_s: float = HOUR_S) -> float:
 
 
 def covariates(files: Sequence[str | Path], time_s: Floats) -> tuple[Floats, Floats]:
-    """Compute a mooring's covariates from an observatory: field variation across and along its north, (n,) degrees.
-
-    They retain storms and daily variation, without the secular variation and the crustal constant.
-    """
+    """Compute the variation across and along an observatory's north, (n,) degrees each: storms and quiet days."""
     series = iaga2002.read(files)
     # The variation along north, relative to the field, turns a needle where magnetic north has another direction.
     off = departure(series.time_s, series.horizontal_nT, time_s)
@@ -310,13 +295,7 @@ def three_hour_rms(time_s: Floats, off_deg: Floats) -> tuple[Floats, Floats]:
 
 
 def find_storms(time_s: Floats, off: Floats, limit_deg: float) -> tuple[Bools, list[tuple[float, ...]], float, int]:
-    """Detect storms in the declination without level and quiet-day curve, (n,) degrees.
-
-    A storm is three times the median disturbance, and half of the limit without its largest value, a possible spike.
-
-    Returns:
-        Mask of disturbed values; begin, end, rms and worst three-hour rms of each storm; median disturbance; spikes.
-    """
+    """Detect storms, (n,): their mask; begin, end, rms and worst rms of each; median disturbance; number of spikes."""
     size, without_largest = three_hour_rms(time_s, off)
     ordinary = float(np.median(size)) if np.ptp(time_s) >= MIN_DAYS * DAY_S else 0.0
     limit = max(limit_deg, 3.0 * ordinary)
@@ -378,10 +357,7 @@ def too_short_reason(series: FieldSeries) -> str:
 
 
 def compare(series: FieldSeries, model: EarthField, *, limit_deg: float = 0.5) -> FieldComparison:
-    """Separate observed minus model declination into level (over nine days), quiet-day curve and storms.
-
-    A disturbance is a storm from ``limit_deg`` rms over three hours on.
-    """
+    """Separate observed minus model declination into level (over nine days), quiet-day curve and storms."""
     time_s, observed = average(series, AVERAGED_S)
     by_model = earthfield.declination_at(model, time_s)
     off = angles.difference(observed, by_model)
@@ -443,8 +419,8 @@ def _quiet_days(time_s: Floats, rough: Floats, stormy: Bools) -> Bools:
 def _constant_sigma(each_day: Floats, days: Floats, disturbance_deg: float) -> float:
     """Estimate the standard error of the constant from blocks of days, or from an assumed spread if these are few.
 
-    The standard deviations of daily means about the annual mean and of seasonal means, and the share of the disturbance
-    added, are tuned to Eskdalemuir 1980 and 2003, on which the benchmark measures coverage: no independent check.
+    Spreads and share of the disturbance are tuned to Eskdalemuir 1980 and 2003, on which the benchmark measures
+    coverage.
     """
     blocks = np.unique(np.floor(days / BLOCK_DAYS), return_inverse=True)[1]
     season_deg = 0.006

@@ -12,16 +12,7 @@ import numpy as np
 
 from compasslib import angles, compass
 from compasslib.calibrations import TWO_TURNS, curves, read_columns, result
-from compasslib.calibrations.curves import (
-    EMPIRICAL,
-    EXACT,
-    ONE_CYCLE,
-    POLYNOMIAL,
-    SMITH,
-    CurveForm,
-    FittedCurve,
-    Points,
-)
+from compasslib.calibrations.curves import EXACT, ONE_CYCLE, SMITH, CurveForm, FittedCurve, Points
 from compasslib.calibrations.result import PLATFORM, TILT, Calibration, DeviationTable, Source
 from compasslib.deviation.series import series_design
 from compasslib.errors import InputError, applicable
@@ -29,7 +20,7 @@ from compasslib.readers import iaga2002
 from compasslib.types import Floats
 
 ROLES = ("reference_deg", "recorded_deg")
-FORMS = (SMITH, EXACT, POLYNOMIAL, ONE_CYCLE, EMPIRICAL)
+FORMS = (SMITH, EXACT, curves.POLYNOMIAL, ONE_CYCLE, curves.EMPIRICAL)
 SAME_HEADING_DEG = 1.0  # reference directions that round to one multiple repeat a setting of the bench
 SAME_TILT_DEG = 0.2  # the same for tilts
 LEVEL_DEG, SKEW_DEG = 0.5, 1.0  # tilts up to which an axis is level, and from which two axes are tilted together
@@ -51,11 +42,7 @@ class BenchReadings:
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Calibrate a compass on a bench.
-
-    ``mounting_deg`` is the clockwise angle from the bench's direction to the instrument's; ``observatory`` and ``spun``
-    name those of the files that record the field, and the readings of the instrument spun in one place.
-    """
+    """Calibrate a compass on a bench, with readings of it spun in one place and a record of the field."""
     spun, observatory = list(settings.get("spun") or ()), list(settings.get("observatory") or ())
     files = [file for file in files if str(file) not in {*spun, *observatory}]
     columns, notes = read_columns(files, settings, (*ROLES, "time_utc") if observatory else ROLES, bounds=TWO_TURNS)
@@ -91,10 +78,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
 
 
 def _correct_field(reference_deg: Floats, time_s: Floats, files: Sequence[str]) -> tuple[Floats, dict[str, Any]]:
-    """Correct reference directions, (n,), for changes of the declination about its mean over the readings.
-
-    Readings at an unknown time or farther than 1.5 sampling intervals from any sample are not corrected.
-    """
+    """Correct reference directions, (n,), for changes of the declination, where recorded within 1.5 intervals."""
     series = iaga2002.read(files)
     known = np.isfinite(series.declination_deg)
     at, declination = series.time_s[known], series.declination_deg[known]
@@ -253,7 +237,7 @@ def _describe_models(
     for name, fit in fitted.items():
         total = result.expanded((*sources, _fit_residual(fit)))
         models[name] = fit.to_json() | {"expanded_deg": total} | _extremes(-fit.residual_deg)
-    if chosen.form is POLYNOMIAL:
+    if chosen.form is curves.POLYNOMIAL:
         return {"models": models}
     curve = fitted.get(SMITH.name, chosen)
     unit = 1.0 / angles.DEGREE if curve.form is EXACT else 1.0
@@ -311,11 +295,11 @@ def _warnings(readings: BenchReadings, observed: Points, reasons: Mapping[str, s
             ),
             "the curve has harmonics that no iron makes, such as by a wrong table in the firmware: it holds for the "
             "heading alone and in any field, and the coefficients A to E are not the whole of it": (
-                chosen.form is EMPIRICAL
+                chosen.form is curves.EMPIRICAL
             ),
         }
     )
-    if chosen.form is POLYNOMIAL:
+    if chosen.form is curves.POLYNOMIAL:
         low, high = chosen.deviation([0.0, 359.999])
         warnings.append(f"the polynomial is not periodic: it jumps by {low - high:+.1f} degrees where 360 meets 0")
     if not full_circle:
@@ -349,10 +333,7 @@ def split_axes(
     reference_deg: Floats,  # tilts of the platform, (n,), signed or absolute
     recorded_deg: Floats,  # pitch and roll, (2, n)
 ) -> tuple[dict[str, BenchReadings], int, list[str]]:
-    """Assign readings to the tilted axis, level ones to both, with the instrument's signs; repeats are averaged.
-
-    The result is the readings of each axis, the number of readings with both axes tilted, and notes on signs.
-    """
+    """Assign readings to the tilted axis, level ones to both; count those with both tilted, and note changed signs."""
     readings, notes = dict.fromkeys(AXES, BenchReadings(np.zeros(0), np.zeros(0))), list[str]()
     if not len(reference_deg):
         return readings, 0, notes

@@ -1,9 +1,8 @@
 """Result of a calibration of any kind: uncertainty budget, calibration.json, and comparison with other calibrations.
 
-The budget follows the Guide to the Expression of Uncertainty in Measurement. Its rows are those of Le Menn et al. 2023,
-section 2, whose tables are images: distributions are taken from the text. Expanded: 0.896 degrees for reference
-directions (0.90 is printed), 0.384 degrees for reference tilts (0.40). The paper lets the influence of an object fall
-as the square of the distance; that of a dipole falls as the cube, and no object is a dipole near by.
+The rows of the budget are those of Le Menn et al. 2023, section 2, whose tables are images: distributions are taken
+from the text. The paper lets the influence of an object fall as the square of the distance, that of a dipole falls
+as the cube.
 """
 
 from __future__ import annotations
@@ -74,10 +73,7 @@ ROWS: dict[str, Row] = {
 def sources(
     given: Mapping[str, float | None], budget: str | None = None, kind: str = PLATFORM
 ) -> tuple[tuple[Source, ...], list[str]]:
-    """List the rows of a bench's budget as standard uncertainties, with notes on missing rows and those of other kinds.
-
-    ``given`` is in degrees, in the sense of ``ROWS``; the budget ``le_menn`` fills other rows with that paper's values.
-    """
+    """List the rows of a bench's budget as standard uncertainties, with notes on missing and foreign rows."""
     made, absent = [], []
     for name, row in ROWS.items():
         if kind not in row.kinds:
@@ -215,11 +211,7 @@ def log_line(content: Mapping[str, Any]) -> str:
 
 
 def compare_all(name: str, content: Mapping[str, Any], earlier: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Compare a calibration with others, as the keys of calibration.json that need them.
-
-    The curves of several calibrations are described with the change of their one-cycle part from the first; an object
-    by its changes relative to the first, the one without it. ``earlier`` has contents by name.
-    """
+    """Compare a calibration with earlier ones, the first of them without the object: keys of calibration.json."""
     near: dict[str, Any] = {"object": {**content["object"], "text": NO_BENCH}} if content.get("object") else {}
     if not earlier:
         return {"comparison": None, "compared": []} | near
@@ -239,11 +231,10 @@ def compare_all(name: str, content: Mapping[str, Any], earlier: Mapping[str, Map
 
 
 def compare(after: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
-    """Compare a calibration with an earlier one of the same compass, such as before its batteries were demagnetised.
+    """Compare a calibration with an earlier one of the same compass, by the p-value (chi square) of no difference.
 
-    Le Menn et al. 2023, sections 3 and 4, compare curves by eye and by their phase shift. Here the difference of each
-    coefficient is given with its uncertainty, and with the p-value (chi square) of no difference. The budgets are
-    not included, as errors common to both calibrations cancel.
+    Le Menn et al. 2023, sections 3 and 4, compare curves by eye and by their phase shift. Errors common to both
+    calibrations cancel: the budgets are not included.
     """
     name = before["name"]
     if after["coefficients"] is None or before["coefficients"] is None:
@@ -257,11 +248,6 @@ def compare(after: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, An
     both = np.isfinite(off)
     square = off[both] @ np.linalg.pinv(covariance[np.ix_(both, both)]) @ off[both]
     p_value = float(chdtrc(int(both.sum()), square))
-    difference = {}
-    for k in np.flatnonzero(both):
-        value, sigma = float(off[k]), float(np.sqrt(covariance[k, k]))
-        z = value / sigma if sigma > 0 else float("nan")
-        difference[LETTERS[k]] = {"value_deg": value, "sigma_deg": sigma, "z": z}
     here, there = (_polar(*each) for each in zip(values, spreads, strict=True))
     change, sigma = here[0] - there[0], float(np.hypot(here[1], there[1]))
     size = {"after": here[0], "before": there[0], "difference": change, "sigma": sigma}
@@ -275,7 +261,6 @@ def compare(after: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, An
     return {
         "with": name,
         "one_cycle": {"amplitude_deg": size, "phase_deg": phase},
-        "difference": difference,
         "p_value": p_value,
         "differ": differ,
         "text": f"This calibration and {name} {'differ' if differ else 'do not differ significantly'} ({chance}). "
@@ -324,10 +309,7 @@ def changes_by_object(without: Mapping[str, Any], others: Sequence[Mapping[str, 
 
 
 def describe_object(changes: Sequence[ObjectChange], size_m: float) -> dict[str, Any]:
-    """Describe the changes by an object, nearest first, their decrease with distance and the safe distance.
-
-    From there on a dipole changes no deviation by ``SAFE_DEG``; changes within twice the object's size do not count.
-    """
+    """Describe the changes by an object, nearest first, their decrease with distance and the safe distance."""
     from scipy.special import chdtrc  # imported late: only needed for objects
 
     least_m = FAR_SIZES * size_m  # the object is no dipole at less
@@ -370,10 +352,7 @@ def describe_object(changes: Sequence[ObjectChange], size_m: float) -> dict[str,
 
 
 def fit_fall(changes: Sequence[ObjectChange], exponent: ArrayLike) -> tuple[Floats, Floats, Floats]:
-    """Fit the vector M of changes M / r^n by generalized least squares: M, its covariance, chi-squared.
-
-    The exponent n is a scalar or an array, whose shape precedes that of each result.
-    """
+    """Fit the vector M of changes M / r^n by generalized least squares for each n: M, covariance, chi-squared."""
     n = len(changes)
     covariance = (
         np.einsum("kl,kij->kilj", np.eye(n), [each.covariance for each in changes]) + changes[0].common[:, None]

@@ -26,8 +26,7 @@ from typing import Any
 import numpy as np
 
 from compasslib import compass
-from compasslib.deviation.curve import correct_roots
-from compasslib.deviation.exact import MAX_SOFT_IRON, fit_exact
+from compasslib.deviation.exact import MAX_SOFT_IRON, correct_roots, fit_exact
 from compasslib.deviation.model import DeviationFit
 from compasslib.deviation.series import fit_series
 from compasslib.records import BAD, Pairs, Record
@@ -44,12 +43,7 @@ METHODS: dict[str, Callable[[Pairs, DeviationFit | None], DeviationFit]] = {
 
 @single_threaded()
 def fit_deviation(method: str, pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
-    """Fit a deviation model to overlapping measurements.
-
-    Args:
-        method: ``exact`` or ``von_appen``.
-        near: a fit of the same method to similar pairs, to start from; returned if it was known beforehand.
-    """
+    """Fit a deviation model, ``exact`` or ``von_appen``, from one near; one known beforehand is returned."""
     if near is not None and (near.fixed or near.known_beforehand):
         return near
     return METHODS[method](pairs, near)
@@ -67,9 +61,8 @@ def correctable_fraction(fit: DeviationFit, record: Record) -> float:
 def find_implausibility(fit: DeviationFit, record: Record) -> str:
     """Explain why a fitted model is implausible for the instrument; empty if it is plausible.
 
-    If the reference's components were exchanged, rotated by a right angle or wrongly signed, no compass fits the pairs:
-    the fit then has excessive soft iron, or cannot have recorded a quarter of the headings within five noises of the
-    compass; outliers are fewer.
+    If components of the reference were exchanged or wrongly signed, the fit has excessive soft iron, or cannot have
+    recorded a quarter of the headings within five noises of the compass; outliers are fewer.
     """
     if fit.fitted and fit.method == "exact":
         soft = fit.coefficients[3:5]

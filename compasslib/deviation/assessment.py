@@ -11,15 +11,15 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from compasslib import angles, compass
 from compasslib.deviation import fit_deviation
 from compasslib.deviation.correction import correct_headings, readings_at_pairs
 from compasslib.deviation.exact import fit_exact
-from compasslib.deviation.histograms import count_differences
 from compasslib.deviation.model import MIN_PAIRS, DeviationFit
-from compasslib.records import PROBABLY_BAD, PROBABLY_GOOD, Pairs, take
+from compasslib.preparation.clocks import nearest_index
+from compasslib.records import BAD, PROBABLY_BAD, PROBABLY_GOOD, Pairs, Record, take
 from compasslib.statistics import single_threaded
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.statistics.resampling import NORMAL_95, blocks_by_span
@@ -27,15 +27,24 @@ from compasslib.types import DAY_S, Complexes, Floats
 
 BLOCK_S = 10 * DAY_S  # of pairs held out together
 FOLDS = 2
+Counts = NDArray[np.int_]
+BIN_DEG = 5.0
+BINS = round(360.0 / BIN_DEG)
+# Lower edge of the first bin of each quantity in histograms.csv, degrees.
+QUANTITIES = {
+    "heading_recorded": 0.0,
+    "heading_corrected": 0.0,
+    "direction_recorded": 0.0,
+    "direction_corrected": 0.0,
+    "direction_reference": 0.0,
+    "difference_before": -180.0,
+    "difference_after": -180.0,
+}
 WATER = ("mean_of_bins", "predicted")  # expected rms error of one component at the reference's depth
 
 
 def held_out_headings(pairs: Pairs, fit: DeviationFit) -> Floats:
-    """Correct the heading of each pair by a fit to the other blocks, (n,) degrees, NaN where there is no correction.
-
-    The exact fit starts from the fit to all pairs, so the right fold is assumed to be known. A calibration made
-    elsewhere used no pairs and is not refitted.
-    """
+    """Correct the heading of each pair by a fit to the other blocks that starts from that to all, (n,) degrees."""
     heading = np.full(len(pairs), np.nan)
     block = blocks_by_span(pairs.time_s, max(_block_length(pairs.time_s), 1.0)) % FOLDS
     for fold in range(FOLDS):
@@ -54,9 +63,8 @@ def _block_length(time_s: Floats) -> float:
 def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = None) -> dict[str, Any]:
     """Compose assessment.json: direction differences, upper minus lower, before and after correction, and currents.
 
-    Args:
-        plain: the pairs as the compass of the fit alone would have recorded them, where further effects acted; these
-            effects are estimated from the whole record, not held out.
+    ``plain`` are the pairs without the effects on the compass beyond the fit, which are estimated from the whole
+    record.
     """
     plain = pairs if plain is None else plain
     held_out = held_out_headings(plain, fit) if fit.fitted and len(pairs) else np.full(len(pairs), np.nan)
@@ -170,14 +178,7 @@ def _agreement(east: Floats, north: Floats, pairs: Pairs) -> dict[str, Any]:
 
 
 def confidence_intervals(off_deg: Floats, time_s: Floats) -> dict[str, tuple[float, float]]:
-    """Compute 95 % intervals of circular mean, rms and median absolute value of autocorrelated differences.
-
-    The effective sample size is that of the series or of its square, whichever is smaller. The interval of the median
-    is based on order statistics; that of the rms is symmetric in its logarithm.
-
-    Args:
-        off_deg: (n,), n > 0, in [-180, 180).
-    """
+    """Compute 95 % intervals of circular mean, rms and median absolute value of autocorrelated differences."""
     mean, squared = float(angles.wrap180(angles.mean(off_deg))), off_deg**2
     about, rms = angles.difference(off_deg, mean), angles.rms(off_deg)
     independent = min(effective_sample_size(about, time_s), effective_sample_size(squared, time_s))
@@ -218,10 +219,7 @@ def vector_correlation(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> 
 def answer_use(
     diagnosis: Mapping[str, Any], flags: NDArray[np.integer], sigma_deg: Floats
 ) -> dict[str, str | float | None]:
-    """Answer whether the corrected directions can be used: yes, with care, or no, from verdict, flags and uncertainty.
-
-    The limits are chosen, not measured.
-    """
+    """Answer whether the corrected directions can be used: yes, with care, or no, by limits that are chosen."""
     known = np.isfinite(sigma_deg)
     sigma = float(np.median(sigma_deg[known])) if known.any() else None
     n = max(len(flags), 1)  # a record without samples has no good heading
@@ -250,3 +248,42 @@ def answer_use(
     limits = diagnosis["detectable_deg"].values()
     unseen = None if None in limits else max(limits, default=None)
     return {"answer": answer, "why": said, "sigma_deg": sigma, "unseen_deg": unseen}
+
+
+# Histograms of headings and directions before and after the correction (von Appen 2015, Figs 8 and 9).
+
+
+def count_angles(angle_deg: ArrayLike, from_deg: float = 0.0) -> Counts:
+    """Count angles, without NaN, in bins of 5 degrees over one turn from a lower edge, (72,)."""
+    angle = np.asarray(angle_deg, dtype=float)
+    turn = angles.wrap360(angle[np.isfinite(angle)] - from_deg)
+    return np.bincount((turn / BIN_DEG).astype(int), minlength=BINS)[:BINS]
+
+
+def count_differences(east: Floats, north: Floats, pairs: Pairs) -> Counts:
+    """Count the directions of a current at the pairs minus the reference's, (72,) from -180 degrees."""
+    lower = angles.direction(pairs.lower_east, pairs.lower_north)
+    return count_angles(angles.difference(angles.direction(east, north), lower), -180.0)
+
+
+def directions_at_pairs(pairs: Pairs, time_s: Floats, heading_corrected_deg: Floats) -> tuple[Floats, Floats, Floats]:
+    """Compute directions at each pair, (n,) degrees each: reference, affected as recorded, affected corrected."""
+    lower = angles.direction(pairs.lower_east, pairs.lower_north)
+    upper = angles.direction(pairs.upper_east, pairs.upper_north)
+    if not (len(pairs) and len(time_s)):
+        return lower, upper, np.full(upper.shape, np.nan)
+    near = nearest_index(time_s, pairs.time_s)
+    known = np.abs(time_s[near] - pairs.time_s) <= 60.0  # files round times
+    turned = angles.difference(heading_corrected_deg[near], pairs.heading_deg)
+    return lower, upper, angles.wrap360(np.where(known, upper + turned, np.nan))
+
+
+def build_histograms(
+    record: Record, heading_corrected_deg: Floats, pairs: Pairs, differences: Mapping[str, ArrayLike]
+) -> dict[str, Counts]:
+    """Count headings of the record, directions at the pairs and held-out differences (those of assessment.json)."""
+    usable = np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
+    lower, upper, corrected = directions_at_pairs(pairs, record.time_s, heading_corrected_deg)
+    counted = [count_angles(angle) for angle in (usable, heading_corrected_deg, upper, corrected, lower)]
+    counted += [np.asarray(differences[when], dtype=int) for when in ("before", "after")]
+    return dict(zip(QUANTITIES, counted, strict=True))

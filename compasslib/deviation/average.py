@@ -1,10 +1,7 @@
 """Averages over possible compasses: along a record over alternatives, and of a fitted compass with none.
 
-Between two depths real water veers for months, depending on flow direction and season, and a fit attributes part of it
-to iron: an undisturbed compass would be changed by several degrees. The coefficients therefore have priors of physical
-size, and a further hypothesis is that there is no deviation. The likelihood is the normal distribution of the fit with
-its robust covariance, so the evidence of each hypothesis has a closed form. It includes errors of the reference, which
-a fit cannot distinguish from a deviation.
+Between two depths real water veers for months, and a fit attributes part of it to iron. The coefficients therefore have
+priors of physical size, no deviation is a hypothesis, and the likelihood is the normal distribution of the fit.
 """
 
 from __future__ import annotations
@@ -17,7 +14,7 @@ from itertools import product
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.deviation.curve import heading_sensitivity
+from compasslib.deviation.exact import heading_sensitivity
 from compasslib.deviation.model import DeviationFit, covariance_sigma, nearest_root
 from compasslib.records import Readings
 from compasslib.statistics.least_squares import mixed_covariance
@@ -57,11 +54,7 @@ class CompassAverage:
 
 
 def average_compasses(at: CompassSeries, heading_deg: Floats) -> CompassAverage:
-    """Average all possible compasses on the branch of given headings; above three standard errors they disagree.
-
-    Args:
-        heading_deg: correct headings by the most probable compass, (n,), degrees, NaN where there is none.
-    """
+    """Average all possible compasses on the branch of the most probable one's headings, (n,) degrees."""
     first = at.sigma(heading_deg)
     shifts, variances, weights = [np.zeros_like(first)], [first**2], [np.full_like(first, at.weight)]
     likeliest = nearest_root(at.roots(), heading_deg)
@@ -91,12 +84,7 @@ IRON_SCALES, ALIGNMENT_SCALES = (0.05, 0.15, 0.5, 1.5), (0.05, 0.35)
 
 
 def average_with_none(fit: DeviationFit) -> tuple[DeviationFit, float | None]:
-    """Average a fitted exact compass with one that has no deviation, and compute the probability of the latter.
-
-    The covariance is that of the average, including the spread between the hypotheses. Well-determined coefficients
-    hardly change. Where iron is declared, no deviation is no hypothesis. The probability is None if the compass cannot
-    be averaged, see ``has_average``.
-    """
+    """Average a fitted exact compass with one without deviation, and compute the latter's probability, if possible."""
     if not has_average(fit):
         return fit, None
     mean, covariance, response, none = average_coefficients(fit.coefficients, fit.covariance, fit)
@@ -114,16 +102,9 @@ def has_average(fit: DeviationFit) -> bool:
 def average_coefficients(
     parameters: Floats, covariance: Floats, fit: DeviationFit
 ) -> tuple[Floats, Floats, Floats, float]:
-    """Average estimated parameters over the priors of A..E, those of a compass without deviation among them.
+    """Average A..E and further parameters, (p,), over the priors of A..E, that of no deviation among them.
 
-    Args:
-        parameters: A..E, and further parameters, whose prior is flat, (p,).
-        covariance: (p, p).
-        fit: the fit that states the errors of the reference, and whether iron is declared.
-
-    Returns:
-        Their mean, (p,), covariance, (p, p), the share of an error of A..E that remains, (5, 5), and the probability
-        that there is no deviation.
+    Returns mean, covariance, the share of an error of A..E that remains, (5, 5), and the probability of no deviation.
     """
     estimate, spread_of_fit = parameters[:5], covariance[:5, :5]
     deviated = [
@@ -133,7 +114,12 @@ def average_coefficients(
     prior = np.array([np.diag(scale**2) for scale in (np.zeros(5), *deviated)])
     none = 0.0 if fit.iron_declared else 0.2
     chance = np.append(none, np.full(len(deviated), (1.0 - none) / len(deviated)))
-    constant, iron = _reference_covariance(fit)
+    constant, iron = np.zeros((2, 5, 5))  # covariance of the coefficients by the reference's constant and by its iron
+    if fit.reference is not None:
+        # A turn e of all directions multiplies u by e^{-ie}, v by e^{ie}: with Re u = 1 again, the change is:
+        a, b, c, d, e = fit.coefficients
+        turned = np.array([1.0 + a**2, a * b, a * c, a * d + e, a * e - d]) * fit.reference.constant_deg * angles.DEGREE
+        constant, iron = np.outer(turned, turned), fit.reference.iron @ fit.reference.iron.T
     gain = prior @ np.linalg.inv(spread_of_fit + iron + prior)
     total = spread_of_fit + iron + constant + prior
     misfit = np.einsum("i,kij,j->k", estimate, np.linalg.inv(total), estimate)
@@ -150,16 +136,3 @@ def average_coefficients(
     averaged = covariance + slope @ (mixed_covariance(weight, means, spread) - spread_of_fit) @ slope.T
     response = np.einsum("k,kij->ij", weight, gain)
     return parameters + slope @ (mean - estimate), (averaged + averaged.T) / 2.0, response, float(weight[0])
-
-
-def _reference_covariance(fit: DeviationFit) -> tuple[Floats, Floats]:
-    """Compute the covariance of the coefficients by the reference's constant and by its iron, (5, 5) each.
-
-    A constant turn e of all directions multiplies u by e^{-ie} and v by e^{ie}: with Re u = 1 again, the coefficients
-    change by e (1 + A^2, AB, AC, AD + E, AE - D).
-    """
-    if fit.reference is None:
-        return np.zeros((5, 5)), np.zeros((5, 5))
-    a, b, c, d, e = fit.coefficients
-    turned = np.array([1.0 + a**2, a * b, a * c, a * d + e, a * e - d]) * fit.reference.constant_deg * angles.DEGREE
-    return np.outer(turned, turned), fit.reference.iron @ fit.reference.iron.T

@@ -1,10 +1,8 @@
 """Choice between the two headings of a folded compass, by a hidden Markov model over the whole record.
 
-Where iron is stronger than the earth's horizontal field each recorded heading has two correct ones. The correct heading
-is a hidden state on a circle of cells. It changes little from sample to sample; when the instrument turns, the current
-turns the other way in its frame, because currents change slowly: on the right branch the current is steady, on the
-wrong one it turns by twice the angle. The wake favours some headings, and the recorded heading and any overlapping
-reference are observations. Forward and backward passes yield the distribution of the heading at every sample.
+The correct heading is a hidden state on a circle of cells that changes little from sample to sample. When the
+instrument turns, the current, which changes slowly, turns the other way in its frame: on the wrong branch it turns by
+twice the angle. The wake favours some headings; recorded heading and any overlapping reference are observations.
 """
 
 from __future__ import annotations
@@ -55,12 +53,7 @@ def single_branch(root_deg: Floats, slope: Floats) -> HeadingDecision:
 def choose_branches(
     readings: Readings, along: CompassSeries, fit: DeviationFit, overlap: NDArray[np.intp], scatter: Floats
 ) -> HeadingDecision:
-    """Choose the heading at each sample of a compass that may be folded.
-
-    Args:
-        overlap: indices of the samples at which the reference overlaps, (k,).
-        scatter: density of the heading observed there, on the cells, (k, CELLS).
-    """
+    """Choose the heading at each sample by the record and the headings observed (``scatter``) at ``overlap``."""
     roots = along.roots()
     if not np.isfinite(roots[:, 1]).any():
         return single_branch(roots[:, 0], compass.slope(along.coefficients, roots[:, 0] - along.north_deg))
@@ -134,10 +127,7 @@ def forward_backward(evidence: Floats, moves: WaterTurns, habit: MotionModel, st
 
 @dataclass(frozen=True)
 class _Kernels:
-    """Transitions over each interval for h motion models: a step weighted by the wake's preference, or a jump.
-
-    Models are evaluated together, because calling a short Fourier transform costs more than the transform.
-    """
+    """Transitions over each interval for h motion models: a step weighted by the wake's preference, or a jump."""
 
     spectrum: NDArray[np.complex64]  # (n - 1, h, CELLS / 2 + 1) of the step's density, times the chance of no jump
     norm: NDArray[np.float32]  # (n - 1, h, CELLS) normalization of a step from each cell
@@ -226,10 +216,7 @@ def _rows(recorded_deg: Floats, coefficients: Floats, heading_deg: Floats, compa
 
 
 def _chosen(posterior: Floats, roots: Floats, recorded_deg: Floats) -> HeadingDecision:
-    """Assign each cell to the nearer root, choose the root with more probability, and average over its cells.
-
-    Near a fold the roots merge and the average is over all cells.
-    """
+    """Assign each cell to the nearer root, choose the root with more probability, and average over its cells."""
     away = np.abs(angles.difference(roots[:, :, None], CELL_CENTRES))
     away = np.where(np.isfinite(away), away, np.inf)
     first = away[:, 0, :] <= away[:, 1, :]

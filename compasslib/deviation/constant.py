@@ -10,8 +10,13 @@ import numpy as np
 from compasslib import angles, earthfield
 from compasslib.deviation.exact import constant_sigmas, fit_exact
 from compasslib.deviation.likelihood import normal_density
-from compasslib.deviation.model import MIN_PAIRS, DeviationFit, heading_residual
-from compasslib.deviation.reference import ALIGNMENT_SIGMA_DEG, CONSTANT_SIGMA_DEG
+from compasslib.deviation.model import (
+    ALIGNMENT_SIGMA_DEG,
+    CONSTANT_SIGMA_DEG,
+    MIN_PAIRS,
+    DeviationFit,
+    heading_residual,
+)
 from compasslib.records import EarthField, Pairs
 from compasslib.statistics.noise import effective_sample_size
 
@@ -65,10 +70,9 @@ class ConstantOffset:
 
 
 def find_declination_error(field: EarthField) -> ConstantOffset | None:
-    """Compare the declination of the metadata with IGRF; None if no known mistake explains the difference.
+    """Compare the declination of the metadata with IGRF, by which both err alike; None without a known mistake.
 
-    A wrong declination rotates the directions of both instruments equally, so their agreement does not reveal it. The
-    crustal field changes the declination at sea by 0.4 to 2° (IGRF), with a margin by 5°.
+    The crustal field changes the declination at sea by 0.4 to 2° (IGRF), with a margin by 5°.
     """
     stated, model = float(np.mean(field.declination_deg)), float(np.mean(field.model_declination_deg))
     size, mistake = float(angles.difference(stated, model)), earthfield.recognize_mistake(stated, model)
@@ -84,11 +88,7 @@ def find_declination_error(field: EarthField) -> ConstantOffset | None:
 def find_constant_offset(
     fit: DeviationFit, pairs: Pairs, declination_deg: float, heading_bias_deg: Mapping[str, float] | None = None
 ) -> ConstantOffset | None:
-    """Compare the constant between the instruments with the angles that configuration errors cause; None without one.
-
-    Args:
-        heading_bias_deg: by instrument, the heading bias EB that was subtracted from its directions.
-    """
+    """Compare the constant between the instruments with the angles of mistakes, such as a heading bias EB."""
     measured = _measured(fit, pairs)
     if measured is None:
         return None
@@ -104,9 +104,8 @@ def question_constant(
 ) -> ConstantOffset:
     """Question a constant above 12 degrees by twice its standard error, and compare any with the angles of mistakes.
 
-    12 degrees are three standard deviations of mountings: 0.8 % of sound moorings have a larger constant where the
-    reference's errors follow Student's t. Smaller angles of mistakes are only told: within 2° of ±6° lie the constants
-    of 27 % of sound moorings, of ±12° those of 4 %.
+    12 degrees are three standard deviations of mountings: 0.8 % of sound moorings have more. Angles of mistakes within
+    2° of ±6° have 27 % of sound moorings, of ±12° 4 %.
     """
     mistakes = [
         ("declination_error", cause.format(declination_deg), n * declination_deg) for n, cause in DECLINATION.items()

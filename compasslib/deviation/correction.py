@@ -11,14 +11,20 @@ from numpy.typing import NDArray
 
 from compasslib import angles, earthfield
 from compasslib.deviation import find_implausibility
-from compasslib.deviation.average import CompassAverage, CompassSeries, average_compasses, compass_series
+from compasslib.deviation.average import CompassSeries, average_compasses, compass_series
 from compasslib.deviation.branches import HeadingDecision, choose_branches, open_branches, shows_branch, single_branch
-from compasslib.deviation.curve import correct_roots, heading_sensitivity, reading_slope
 from compasslib.deviation.doubts import Doubt, doubt_whole_record, evaluate_doubts
-from compasslib.deviation.exact import MIN_SLOPE
+from compasslib.deviation.exact import MIN_SLOPE, correct_roots, heading_sensitivity, reading_slope
 from compasslib.deviation.likelihood import scatter_density, scatter_widths, squared_chords
-from compasslib.deviation.model import UNKNOWN_COVARIANCE, DeviationFit, covariance_sigma, observed_heading, pair_speeds
-from compasslib.deviation.reference import declination_sigma
+from compasslib.deviation.model import (
+    UNKNOWN_COVARIANCE,
+    DeviationFit,
+    constant_sigma,
+    covariance_sigma,
+    declination_sigma,
+    observed_heading,
+    pair_speeds,
+)
 from compasslib.deviation.series import series_sigma
 from compasslib.records import (
     BAD,
@@ -108,7 +114,6 @@ def correct_in_pieces(
     Args:
         at: the compass at each sample, if effects beyond those of the fit acted on it.
         unmodelled_deg: standard deviation of known unmodelled effects, degrees.
-        doubts: periods whose headings are flagged as doubtful, with increased uncertainty.
     """
     decision = correct_headings(record_readings(record), fit, pairs, at)
     denied = ("" if fit.covariance_known else UNKNOWN_COVARIANCE, find_implausibility(fit, record))
@@ -161,7 +166,12 @@ def correct_headings(
         shown = int(shows_branch(at.roots()[overlap], width).sum())
         decision = open_branches(decision, shown, len(pairs))
         average = average_compasses(at, decision.heading_deg)
-        decision, parameters = _moved(decision, average), average.sigma_deg
+        shifted, parameters = angles.wrap360(decision.heading_deg + average.shift_deg), average.sigma_deg
+        decision = replace(
+            decision,
+            heading_deg=np.where(average.shift_deg == 0.0, decision.heading_deg, shifted),
+            probability=np.minimum(decision.probability, np.where(average.agreed < 0.9, average.agreed, np.inf)),
+        )
     left_out = np.zeros(parameters.shape)
     if at is None or not at.tilted:
         # At 5 degrees of tilt, which is assumed where none was recorded (von Appen 2015: typically 5), a vertical field
@@ -175,11 +185,7 @@ def correct_headings(
 
 
 def reference_modes(fit: DeviationFit, heading_deg: Floats) -> Floats:
-    """Decompose the error of correct headings due to the reference into modes, (n, 3) degrees per unit normal.
-
-    The modes are a constant (with the mean veer, as far as the coefficients' covariance lacks it), and the reference's
-    B and C; they are zero if the fit does not state the reference's errors.
-    """
+    """Decompose the error of headings due to the reference, (n, 3) degrees: constant with veer, its B and C."""
     reference = fit.reference
     if reference is None or not fit.fitted:
         return np.zeros((len(heading_deg), 3))
@@ -188,20 +194,12 @@ def reference_modes(fit: DeviationFit, heading_deg: Floats) -> Floats:
         constant, sigma = float(angles.direction(constant, 1.0)), sigma / (1.0 + constant**2) / angles.DEGREE
     if reference.veer_included:
         sigma = float(np.sqrt(max(sigma**2 - reference.veer_deg**2, 0.0)))
-    further = reference.further_deg(float(angles.wrap180(constant)), sigma)
+    error = float(np.hypot(reference.constant_deg, reference.veer_deg))
+    included = reference.veer_deg if reference.veer_included else 0.0  # in the covariance
+    whole = constant_sigma(float(angles.wrap180(constant)), sigma, error)
+    further = np.sqrt(reference.share * max(whole**2 - included**2, 0.0))
     by_iron = np.nan_to_num(heading_sensitivity(fit, heading_deg) @ reference.iron)
     return np.column_stack([np.full(len(heading_deg), further), by_iron])
-
-
-def _moved(decision: HeadingDecision, average: CompassAverage) -> HeadingDecision:
-    """Shift the decision to the average of the compasses, and lower its probability where under 90 % agree."""
-    heading = angles.wrap360(decision.heading_deg + average.shift_deg)
-    probability = np.where(average.agreed < 0.9, average.agreed, np.inf)
-    return replace(
-        decision,
-        heading_deg=np.where(average.shift_deg == 0.0, decision.heading_deg, heading),
-        probability=np.minimum(decision.probability, probability),
-    )
 
 
 def readings_at_pairs(pairs: Pairs) -> Readings:
@@ -216,10 +214,7 @@ def _to_body_frame(east: Floats, north: Floats, recorded_deg: Floats) -> Complex
 
 
 def record_readings(record: Record) -> Readings:
-    """Extract the affected compass's readings, with headings flagged bad set to NaN.
-
-    The water is the mean of the good bins of each sample, as a whole layer veers less from hour to hour than one bin.
-    """
+    """Extract the affected compass's readings, NaN where flagged bad, and the mean water of the good bins."""
     heading = np.where(record.heading_quality < BAD, record.heading_deg, np.nan)
     east, north = np.empty((2, len(record.time_s)))
     for rows in pieces(len(record.time_s)):
@@ -244,14 +239,7 @@ LOOKUP_COLUMNS = ("recorded_deg", "corrected_deg", "deviation_deg", "sigma_deg",
 def tabulate_deviation(
     fit: DeviationFit, unmodelled_deg: float = 0.0, doubts: Sequence[Doubt] = ()
 ) -> dict[str, Floats]:
-    """Tabulate the level compass at every whole degree that it can record; empty without coefficients.
-
-    The standard deviation is that of a heading on a known branch and combines the coefficients, the reference's
-    compass, the precision of a reading, known unmodelled effects, and doubts about the whole record.
-
-    Returns:
-        The columns of ``LOOKUP_COLUMNS``; root is 1 (larger slope) or 2 for a two-valued compass.
-    """
+    """Tabulate the level compass at every whole degree that it records; root 1 has the larger slope."""
     if not fit.fitted:
         return {name: np.zeros(0) for name in LOOKUP_COLUMNS}
     roots = correct_roots(fit, np.arange(360.0))

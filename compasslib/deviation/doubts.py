@@ -73,11 +73,7 @@ LEAST_DOUBT_DEG = 10.0  # lower bound of the standard deviation of a suspected e
 
 
 def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
-    """Find the windows of a record that disagree with the rest of it.
-
-    If the windows contain a quarter of the pairs, the whole record is doubtful: a file may hold another instrument's
-    record from some day on, and the fit may be to the wrong part.
-    """
+    """Find the windows of a record that disagree with the rest, or doubt it all if they hold a quarter of the pairs."""
     if not fit.fitted or fit.method == "von_appen" or len(pairs) < MIN_WINDOWS * MIN_WINDOW_PAIRS:
         return ()
     # Windows of WINDOW_S, or longer ones if these have too few pairs on average.
@@ -108,15 +104,10 @@ def find_doubtful_windows(pairs: Pairs, fit: DeviationFit) -> tuple[Doubt, ...]:
 
 
 def _describe(residual_deg: Floats, speed: Floats, heading_deg: Floats) -> tuple[float, float, Floats, Floats]:
-    """Describe the residuals of a window, weighted by the square of the slower speed of each pair.
+    """Describe the residuals of a window, NaN where no heading was possible, weighted by the slower speed squared.
 
-    Args:
-        residual_deg: NaN where the fitted compass cannot have recorded the heading, as near the limit of a two-valued
-            one; a window with few others counts as of random directions.
-
-    Returns:
-        Rms speed (m/s), rms residual (degrees), mean residual with its dependence on sine and cosine of the heading
-        (degrees, (3,)), and the covariance of sine and cosine, (2, 2).
+    Returns rms speed, rms residual, mean with its dependence on sine and cosine of the heading, (3,), and the
+    covariance of these, (2, 2).
     """
     known, flow = np.isfinite(residual_deg), float(np.sqrt(np.mean(speed**2)))
     if known.sum() < MIN_WINDOW_PAIRS // 4:
@@ -135,12 +126,10 @@ def _describe(residual_deg: Floats, speed: Floats, heading_deg: Floats) -> tuple
 def _far_windows(flow: Floats, rms_deg: Floats, systematic_deg: Floats) -> Bools:
     """Find the windows that are far outside the others and differ by a relevant angle, (k,).
 
-    Far is 2.2 times the median window's rms velocity across the flow, and 30 degrees beyond the median rms residual.
-    Without a fault, with deviations by iron of 0.05 to 1.3 H: beyond 30 degrees at most 1.8 times on papa (bins 40 and
-    80 m apart), 1.5 on eh2 and aqd; beyond 20 degrees 2.3 times in 48 simulated moorings. The systematic part (mean and
-    dependence on heading) is large in two consecutive windows at 3 times the median velocity, 15 degrees, and 4.5 times
-    the median angle: on papa the water at two depths turns by 25 degrees for a month: 3.9 times, 23 degrees, 3.3 times;
-    on eh2 1.7 times, 26 degrees, 4.0 times.
+    Without a fault, with iron of 0.05 to 1.3 H: beyond 30 degrees the velocity is at most 1.8 times the median on papa
+    (bins 40 and 80 m apart), 1.5 on eh2 and aqd. The systematic part in two consecutive windows: on papa, where the
+    water at two depths turns by 25 degrees for a month, 3.9 times, 23 degrees, 3.3 times the median angle; on eh2 1.7
+    times.
     """
     beyond = np.sqrt(np.maximum(rms_deg**2 - np.median(rms_deg) ** 2, 0.0))
     times, turned = (flow * angle / max(float(np.median(flow * angle)), 1e-12) for angle in (rms_deg, systematic_deg))

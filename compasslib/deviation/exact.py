@@ -12,48 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles, compass
-from compasslib.deviation.likelihood import (
-    CELL_CENTRES,
-    CELL_DEG,
-    CELLS,
-    COARSE,
-    EXACT,
-    FINE,
-    STUDENT_DOF,
-    BinnedSample,
-    CurveForm,
-    HeadingGrid,
-    bin_sample,
-    heading_given_reading,
-    heading_occupancy,
-    log_likelihood,
-    log_likelihood_and_gradient,
-    pair_log_likelihoods,
-    pair_scores,
-    scatter_density,
-    scatter_widths,
-    squared_chords,
-)
-from compasslib.deviation.model import (
-    MIN_PAIRS,
-    CoefficientPrior,
-    DeviationFit,
-    ScatterNoise,
-    heading_residual,
-    nearest_root,
-    observed_deviation,
-    observed_heading,
-    pair_speeds,
-    unfitted,
-)
-from compasslib.deviation.reference import iron_pattern, reference_errors
+from compasslib.deviation import likelihood, model
+from compasslib.deviation.likelihood import CELL_DEG, CELLS, EXACT, FINE, STUDENT_DOF, CurveForm
+from compasslib.deviation.model import DeviationFit, ScatterNoise
+from compasslib.deviation.series import invert_series, series_design, series_slope
 from compasslib.records import Pairs
 from compasslib.statistics.least_squares import minimize_bfgs
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.statistics.resampling import block_jackknife, block_sums, blocks_by_span
 from compasslib.types import DAY_S, Floats
 
-Priors = tuple[CoefficientPrior, ...]  # of A..E and log(compass noise / degree)
+Priors = tuple[model.CoefficientPrior, ...]  # of A..E and log(compass noise / degree)
 
 STRENGTHS = (0.0, 0.3, 0.6, 0.85, 1.1, 1.35, 1.7, 2.2)  # hard iron over the earth's horizontal field
 START_NOISE = ScatterNoise(floor_deg=10.0, slow_deg_m_s=2.0, outliers=0.02)
@@ -62,8 +31,8 @@ TURNS_DEG = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)  # constant rotations of all
 ROUNDS = 2  # repetitions of a fit with its updated noise or prior
 
 
-def _about_zero(*sigma: float) -> tuple[CoefficientPrior, ...]:
-    return (CoefficientPrior(np.zeros(6), np.diag(np.array(sigma) ** -2.0)),)
+def _about_zero(*sigma: float) -> tuple[model.CoefficientPrior, ...]:
+    return (model.CoefficientPrior(np.zeros(6), np.diag(np.array(sigma) ** -2.0)),)
 
 
 # Weak priors that only matter without data, of A..E and log(compass noise / degree).
@@ -80,8 +49,8 @@ NOISE_PRIOR = np.array([np.log(8.0), np.log(2.5), -4.0])  # means of weak priors
 
 def fit_exact(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
     """Fit the exact compass to the pairs by penalized maximum likelihood, from ``near`` if its fold is known."""
-    if len(pairs) < MIN_PAIRS:
-        return unfitted("exact", len(pairs))
+    if len(pairs) < model.MIN_PAIRS:
+        return model.unfitted("exact", len(pairs))
     overlap, prior = _overlap(pairs), None if near is None else near.prior
     state = _refined(_start(overlap, EXACT) if near is None else _at(near), overlap)
     if near is None and float(np.hypot(*state.parameters[3:5])) >= MAX_SOFT_IRON:
@@ -92,7 +61,7 @@ def fit_exact(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
     if prior is None or near is None:
         return _described(state, pairs, overlap)
     counted = pairs_per_independent(pairs, _described(state, pairs, overlap).n_effective)
-    others = CoefficientPrior(np.append(prior.mean, 0.0), counted * np.pad(prior.precision, (0, 1)))
+    others = model.CoefficientPrior(np.append(prior.mean, 0.0), counted * np.pad(prior.precision, (0, 1)))
     priors = (*WEAK, others)
     return replace(_described(_refined(state, overlap, priors=priors), pairs, overlap, priors), prior=prior)
 
@@ -100,22 +69,21 @@ def fit_exact(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
 def constant_sigmas(pairs: Pairs, fit: DeviationFit) -> float:
     """Compute by how many standard errors pairs prefer the constant of a fit to any iron without a constant.
 
-    Where few headings occur, or readings have two of them, A is nearly collinear with B and C, and the covariance about
-    one solution does not contain the others.
+    Where few headings occur, A is nearly collinear with B and C: the covariance about one solution lacks the others.
     """
     overlap = _overlap(pairs)
     without = _refined(_start(overlap, EXACT, WITHOUT_CONSTANT), overlap, priors=WITHOUT_CONSTANT)
     own, other = (
-        log_likelihood(state.parameters, overlap.sample(state.noise, FINE, EXACT), state.prior, FINE)
+        likelihood.log_likelihood(state.parameters, overlap.sample(state.noise, FINE, EXACT), state.prior, FINE)
         for state in (_at(fit), without)
     )
     return float(np.sqrt(max(2.0 * (own - other) / pairs_per_independent(pairs, fit.n_effective), 0.0)))
 
 
-def start_from_prior(prior: CoefficientPrior, pairs: Pairs) -> DeviationFit:
+def start_from_prior(prior: model.CoefficientPrior, pairs: Pairs) -> DeviationFit:
     """Make a starting fit from a prior by other records; if A is unconstrained, add the pairs' mean residual."""
     unscored = DeviationFit("exact", len(pairs), prior.mean, heading_density=np.full(CELLS, 1.0 / CELLS))
-    off = heading_residual(unscored, pairs)
+    off = model.heading_residual(unscored, pairs)
     turned = np.where(np.isfinite(off), angles.phasor(off), 0.0).sum()
     mean = prior.mean.copy()
     mean[0] += 0.0 if prior.precision[0, 0] else np.clip(np.angle(turned), -0.5, 0.5)
@@ -132,7 +100,7 @@ def held_out_scores(
         left_out, training = np.flatnonzero(fold == k), np.flatnonzero(fold != k)
         state = _refined(whole, overlap.take(training), form)
         data = overlap.take(left_out).sample(state.noise, FINE, form)
-        scores[left_out] = pair_log_likelihoods(state.parameters, data, state.prior, FINE)
+        scores[left_out] = likelihood.pair_log_likelihoods(state.parameters, data, state.prior, FINE)
     return scores
 
 
@@ -153,8 +121,8 @@ def _start_turned(overlap: Overlap, angle_deg: float) -> OptimizerState:
 
 
 def _overlap(pairs: Pairs) -> Overlap:
-    observed = observed_heading(pairs)
-    return Overlap(pairs.heading_deg, observed, squared_chords(observed), *pair_speeds(pairs))
+    observed = model.observed_heading(pairs)
+    return Overlap(pairs.heading_deg, observed, likelihood.squared_chords(observed), *model.pair_speeds(pairs))
 
 
 @dataclass(frozen=True)
@@ -168,14 +136,14 @@ class Overlap:
     lower_speed: Floats
 
     def width_deg(self, noise: ScatterNoise) -> Floats:
-        return scatter_widths(noise, self.upper_speed, self.lower_speed)
+        return likelihood.scatter_widths(noise, self.upper_speed, self.lower_speed)
 
     def take(self, index: NDArray[np.signedinteger]) -> Overlap:
         return Overlap(*(column[index] for column in vars(self).values()))
 
-    def sample(self, noise: ScatterNoise, grid: HeadingGrid, form: CurveForm) -> BinnedSample:
-        density = scatter_density(self.squared_chord, self.width_deg(noise), noise.outliers)
-        return bin_sample(self.recorded_deg, density, grid, form)
+    def sample(self, noise: ScatterNoise, grid: likelihood.HeadingGrid, form: CurveForm) -> likelihood.BinnedSample:
+        density = likelihood.scatter_density(self.squared_chord, self.width_deg(noise), noise.outliers)
+        return likelihood.bin_sample(self.recorded_deg, density, grid, form)
 
 
 @dataclass(frozen=True)
@@ -189,24 +157,20 @@ class OptimizerState:
 
 
 def _start(overlap: Overlap, form: CurveForm, priors: Priors = WEAK) -> OptimizerState:
-    """Optimize from the best of many strengths and directions of the iron, using 900 pairs with the least scatter.
-
-    The scatter is refitted at each maximum before they are compared: too wide a scatter blurs a fold, and a wrong
-    compass then fits as well as the right one.
-    """
+    """Optimize from the best of many strengths and directions of the iron, using 900 pairs with the least scatter."""
     width = overlap.width_deg(START_NOISE)
     clear = np.sort(np.argsort(width, kind="stable")[: max(len(width) // 2, 900)])
     few = overlap.take(clear[:: max(1, len(clear) // 900)])
     prior = smooth_density(np.histogram(few.observed_deg, bins=CELLS, range=(0.0, 360.0))[0].astype(float))
-    data = few.sample(START_NOISE, COARSE, form)
+    data = few.sample(START_NOISE, likelihood.COARSE, form)
     irons = [angles.components(strength, towards) for strength in STRENGTHS for towards in np.arange(0.0, 360.0, 22.5)]
     starts = [np.array([0.0, float(b), float(c), 0.0, 0.0, np.log(6.0)]) for c, b in irons]
-    values = [-log_likelihood(start, data, prior, COARSE) for start in starts]
+    values = [-likelihood.log_likelihood(start, data, prior, likelihood.COARSE) for start in starts]
     states = [OptimizerState(starts[i], START_NOISE, prior) for i in np.argsort(values)[:5]]
-    states = [_improve(state, few, COARSE, form, HARD_IRON_FIRST) for state in states]
+    states = [_improve(state, few, likelihood.COARSE, form, HARD_IRON_FIRST) for state in states]
     states = sorted(states, key=lambda state: state.loss)[:2]
-    for _ in range(ROUNDS):
-        states = [_improve(state, few, COARSE, form, priors) for state in states]
+    for _ in range(ROUNDS):  # too wide a scatter blurs a fold, and a wrong compass fits as well: it is refitted first
+        states = [_improve(state, few, likelihood.COARSE, form, priors) for state in states]
     return min(states, key=lambda state: state.loss)
 
 
@@ -215,14 +179,14 @@ def _at(fit: DeviationFit) -> OptimizerState:
 
 
 def _improve(
-    state: OptimizerState, overlap: Overlap, grid: HeadingGrid, form: CurveForm, priors: Priors
+    state: OptimizerState, overlap: Overlap, grid: likelihood.HeadingGrid, form: CurveForm, priors: Priors
 ) -> OptimizerState:
     """Optimize the compass at fixed scatter, then the scatter and the distribution of headings at fixed compass."""
     data = overlap.sample(state.noise, grid, form)
     parameters, loss = _maximise(state, data, grid, priors)
-    prior = smooth_density(heading_occupancy(parameters, data, state.prior, grid))
+    prior = smooth_density(likelihood.heading_occupancy(parameters, data, state.prior, grid))
     few = overlap.take(np.arange(0, len(overlap.observed_deg), max(1, len(overlap.observed_deg) // 1000)))
-    given = heading_given_reading(parameters, few.recorded_deg, prior, FINE, form)
+    given = likelihood.heading_given_reading(parameters, few.recorded_deg, prior, FINE, form)
     return OptimizerState(parameters, fit_scatter(few, given, state.noise), prior, loss)
 
 
@@ -230,16 +194,16 @@ def _described(state: OptimizerState, pairs: Pairs, overlap: Overlap, priors: Pr
     data = overlap.sample(state.noise, FINE, EXACT)
     parameters, _ = _maximise(state, data, FINE, priors)
     noise = replace(state.noise, compass_deg=float(np.exp(parameters[5])))
-    scores = pair_scores(parameters, data, state.prior, FINE)[:, :5]
+    scores = likelihood.pair_scores(parameters, data, state.prior, FINE)[:, :5]
     unscored = DeviationFit("exact", len(pairs), parameters[:5], noise=noise)
-    left = heading_residual(unscored, pairs)
+    left = model.heading_residual(unscored, pairs)
     standard = np.clip(left / overlap.width_deg(noise), -3.0, 3.0)
     known = np.isfinite(standard)
     effective = effective_sample_size(standard[known], pairs.time_s[known])
     return replace(
         unscored,
         covariance=robust_covariance(scores, unscored, pairs, effective, priors),
-        reference=reference_errors(pairs, reference_response(unscored, pairs, priors), veer_included=True),
+        reference=model.reference_errors(pairs, reference_response(unscored, pairs, priors), veer_included=True),
         n_effective=effective,
         residual_rms_deg=angles.rms(left),
         recorded_range_deg=compass.recorded_range(parameters[:5]),
@@ -249,34 +213,32 @@ def _described(state: OptimizerState, pairs: Pairs, overlap: Overlap, priors: Pr
     )
 
 
-def _maximise(state: OptimizerState, data: BinnedSample, grid: HeadingGrid, priors: Priors) -> tuple[Floats, float]:
+def _maximise(
+    state: OptimizerState, data: likelihood.BinnedSample, grid: likelihood.HeadingGrid, priors: Priors
+) -> tuple[Floats, float]:
     def loss(at: Floats) -> tuple[float, Floats]:
-        value, slopes = log_likelihood_and_gradient(at, data, state.prior, grid)
+        value, slopes = likelihood.log_likelihood_and_gradient(at, data, state.prior, grid)
         minus, slopes = -value, -slopes
         for prior in priors:
             pull = prior.precision @ (at - prior.mean)
             minus, slopes = minus + 0.5 * float((at - prior.mean) @ pull), slopes + pull
         return minus, slopes
 
-    scores = pair_scores(state.parameters, data, state.prior, grid)
+    scores = likelihood.pair_scores(state.parameters, data, state.prior, grid)
     curvature = scores.T @ scores + sum(prior.precision for prior in priors)
     return minimize_bfgs(loss, state.parameters, PARAMETER_BOUNDS, 40, curvature)
 
 
 def smooth_density(mass: Floats) -> Floats:
     """Smooth a distribution of headings over 12 degrees and add a uniform tenth; the result sums to 1."""
-    kernel = np.exp(-0.5 * (angles.wrap180(CELL_CENTRES) / 12.0) ** 2)
+    kernel = np.exp(-0.5 * (angles.wrap180(likelihood.CELL_CENTRES) / 12.0) ** 2)
     smooth = np.fft.irfft(np.fft.rfft(mass) * np.fft.rfft(kernel / kernel.sum()), len(mass))
     smooth = np.maximum(smooth, 0.0) / smooth.sum()
     return 0.9 * smooth + 0.1 / len(mass)
 
 
 def fit_scatter(overlap: Overlap, given: Floats, near: ScatterNoise) -> ScatterNoise:
-    """Fit the scatter of the observed headings, without the compass's own noise, by penalized maximum likelihood.
-
-    Args:
-        given: distribution of the correct heading given the recorded one only, (n, CELLS).
-    """
+    """Fit the scatter of the observed headings, ``given`` the distribution by the recorded heading, (n, CELLS)."""
 
     def loss(x: Floats) -> tuple[float, Floats]:
         value, slope = scatter_log_likelihood(x, overlap, given)
@@ -288,13 +250,10 @@ def fit_scatter(overlap: Overlap, given: Floats, near: ScatterNoise) -> ScatterN
 
 
 def scatter_log_likelihood(x: Floats, overlap: Overlap, given: Floats) -> tuple[float, Floats]:
-    """Compute the log-likelihood and its gradient.
+    """Compute the log-likelihood of log floor, log slow part and logit of outliers, (3,), and its gradient.
 
     With r = 1 / (1 + chord^2 / (STUDENT_DOF width^2)) the density is r^power over its sum, and the derivative of
     log r^power with respect to log width is 2 power (1 - r), with a power of (STUDENT_DOF + 1) / 2.
-
-    Args:
-        x: logarithms of floor and slow part (degrees, degrees times m/s), logit of the share of outliers, (3,).
     """
     noise = _scatter_noise(x)
     width = overlap.width_deg(noise)
@@ -326,13 +285,8 @@ MIN_SLOPE = 0.3  # lower bound of a slope in a denominator; at a fold the spread
 def robust_covariance(scores: Floats, fit: DeviationFit, pairs: Pairs, effective: float, priors: Priors) -> Floats:
     """Estimate the covariance, allowing for autocorrelated pairs and for veer that depends on flow direction.
 
-    In time it is the jackknife over blocks of days. Across flow directions the scores of each octant are summed: the
-    veer between two depths differs between flow directions for months, which blocks of days do not show. Variance
-    between octants in excess of the blocks is added, then the mean veer expected from the profile.
-
-    Args:
-        scores: each pair's gradient of the log-likelihood by A..E, (n, 5).
-        priors: the weak prior, then that from other records, its precision multiplied by ``pairs_per_independent``.
+    In time it is the jackknife over blocks of days. The veer differs between flow directions for months, which these do
+    not show: the variance of the scores, (n, 5), between octants beyond it is added, then the mean veer by the profile.
     """
     # Where the iron cancels the earth's field the gradient is unbounded, and one pair would determine all coefficients;
     # it is 60 for a direction known to a degree.
@@ -346,15 +300,15 @@ def robust_covariance(scores: Floats, fit: DeviationFit, pairs: Pairs, effective
         along_time = inverse * pairs_per_independent(pairs, effective)
     else:
         along_time = block_jackknife(scores, scores, block, information)
-    residual = heading_residual(fit, pairs)
-    turn = np.nan_to_num(observed_deviation(pairs) - residual)
+    residual = model.heading_residual(fit, pairs)
+    turn = np.nan_to_num(model.observed_deviation(pairs) - residual)
     east, north = angles.turn(pairs.upper_east, pairs.upper_north, turn)
     towards = angles.direction(east + pairs.lower_east, north + pairs.lower_north)
     octant = np.floor(np.nan_to_num(towards) / 45.0).astype(np.intp) % 8
     sums = block_sums(scores, octant)
     across = inverse @ (sums.T @ sums) @ inverse * 8 / 7
     left = np.nan_to_num(residual)
-    width = fit.noise.width_deg(*(np.maximum(speed, 1e-3) for speed in pair_speeds(pairs)))
+    width = fit.noise.width_deg(*(np.maximum(speed, 1e-3) for speed in model.pair_speeds(pairs)))
     by_degree = (STUDENT_DOF + 1.0) * left / (STUDENT_DOF * width**2 + left**2)
     turned = inverse @ (scores.T @ by_degree) * pairs.veer_deg
     if not few:  # with few blocks, the inverse includes the prior
@@ -365,31 +319,25 @@ def robust_covariance(scores: Floats, fit: DeviationFit, pairs: Pairs, effective
 
 
 def reference_response(fit: DeviationFit, pairs: Pairs, priors: Priors) -> Floats:
-    """Compute the change of A..E by one standard deviation of the reference's B and of its C, (5, 2).
-
-    Weighted least squares of the errors of the reference's directions, where the weights are the second derivatives of
-    the fit's log density (Student's t) at the residuals.
-    """
-    observed = observed_heading(pairs)
-    root = nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
+    """Compute the change of A..E by one σ of the reference's B and of its C, (5, 2), by weighted least squares."""
+    observed = model.observed_heading(pairs)
+    root = model.nearest_root(compass.inverse(fit.coefficients, pairs.heading_deg), observed)
     known = np.isfinite(root)
     root = np.where(known, root, observed)
     left = angles.difference(observed, root)
-    slope = compass.slope(fit.coefficients, root)
-    slope = np.copysign(np.maximum(np.abs(slope), MIN_SLOPE), slope)
-    width = fit.noise.width_deg(*(np.maximum(speed, 1e-3) for speed in pair_speeds(pairs)))
+    slope = np.maximum(reading_slope(fit, root), MIN_SLOPE)
+    width = fit.noise.width_deg(*(np.maximum(speed, 1e-3) for speed in model.pair_speeds(pairs)))
     square = STUDENT_DOF * (width**2 + (fit.noise.compass_deg / slope) ** 2)
     weight = known * (STUDENT_DOF + 1.0) * (square - left**2) / (square + left**2) ** 2
-    columns = (-compass.gradient(fit.coefficients, root) / slope).T
+    columns = heading_sensitivity(fit, root)
     information = (columns.T * weight) @ columns + sum(prior.precision[:5, :5] for prior in priors)
-    return np.linalg.solve(information, (columns.T * weight) @ iron_pattern(pairs))
+    return np.linalg.solve(information, (columns.T * weight) @ model.iron_pattern(pairs))
 
 
 def pairs_per_independent(pairs: Pairs, effective: float) -> float:
     """Estimate the number of pairs per independent pair, of which five determine the coefficients.
 
-    At most four pairs a day are independent, and one a layer of 20 m that a lowered instrument passes: in a record of
-    days the autocorrelation of the veer is underestimated, as its slow part is absorbed in its mean.
+    At most four pairs a day are independent, and one a layer of 20 m: in days the slow veer is absorbed in its mean.
     """
     apart = 4.0 * float(np.ptp(pairs.time_s)) / DAY_S + float(np.ptp(pairs.upper_depth_m)) / 20.0
     return len(pairs) / max(min(effective, apart) - 5.0, 3.0)
@@ -399,3 +347,29 @@ def positive_part(matrix: Floats) -> Floats:
     """Project a symmetric matrix, (p, p), onto the positive semidefinite matrices."""
     values, vectors = np.linalg.eigh((matrix + matrix.T) / 2.0)
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+
+# The curve of a fitted deviation, by its method.
+
+
+def correct_roots(fit: DeviationFit, recorded_deg: Floats) -> Floats:
+    """Compute the correct headings of recorded ones, (n, 2) degrees, NaN where there is none."""
+    if fit.method != "von_appen":
+        return compass.inverse(fit.coefficients, recorded_deg)
+    beta = invert_series(fit.coefficients, recorded_deg)
+    return np.stack([beta, np.full(beta.shape, np.nan)], axis=-1)
+
+
+def reading_slope(fit: DeviationFit, heading_deg: Floats) -> Floats:
+    """Compute |d recorded / d correct heading|, (n,)."""
+    slope = series_slope if fit.method == "von_appen" else compass.slope
+    return np.abs(slope(fit.coefficients, heading_deg))
+
+
+def heading_sensitivity(fit: DeviationFit, heading_deg: Floats) -> Floats:
+    """Compute the derivative of the correct heading of a reading by A..E, (n, 5) degrees per unit."""
+    least = np.maximum(reading_slope(fit, heading_deg), MIN_SLOPE)
+    if fit.method == "von_appen":
+        return series_design(heading_deg) / least[:, None]
+    slope = np.copysign(least, compass.slope(fit.coefficients, heading_deg))
+    return (-compass.gradient(fit.coefficients, heading_deg) / slope).T

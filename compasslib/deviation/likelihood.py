@@ -77,10 +77,7 @@ class HeadingGrid:
 
     @cached_property
     def hats(self) -> Floats:
-        """Cubic B-spline weights from the fine headings to the cells, (fine, CELLS).
-
-        Linear hats have a kink at every cell, which would make the likelihood rough where it is flat.
-        """
+        """Cubic B-spline weights from the fine headings to the cells, (fine, CELLS): hats have kinks at every cell."""
         away = np.abs(angles.difference(self.heading_deg[:, None], CELL_CENTRES)) / CELL_DEG
         inner = 2.0 / 3.0 - away**2 + away**3 / 2.0
         outer = np.maximum(2.0 - away, 0.0) ** 3 / 6.0
@@ -132,12 +129,7 @@ def normal_density(offset_deg: ArrayLike, sigma_deg: float) -> Floats:
 
 
 def log_likelihood(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid) -> float:
-    """Compute the log-likelihood.
-
-    Args:
-        parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
-        prior: pi on the cells, (CELLS,), sums to 1.
-    """
+    """Compute the log-likelihood for A..E and log(compass noise / degree), (6,), and pi on the cells."""
     return float(np.sum(pair_log_likelihoods(parameters, data, prior, grid)))
 
 
@@ -243,11 +235,7 @@ ROWS_PER_BLOCK = 8  # for speed; results do not depend on it
 
 
 def nearby_headings(recorded_deg: Floats, predicted_deg: Floats, reach_deg: float) -> tuple[Indices, Indices, Floats]:
-    """Find the pairs of recorded, (r,), and predicted headings, (f,), that differ by less than at most 180 degrees.
-
-    Returns:
-        Index of the recorded heading, of the predicted one, and their difference, degrees, (k,) each.
-    """
+    """Pair recorded, (r,), and predicted headings, (f,), within a reach: indices of both, difference, (k,)."""
     recorded, predicted = angles.wrap360(recorded_deg), angles.wrap360(predicted_deg)
     order = np.argsort(predicted, kind="stable")
     ring = np.concatenate([predicted[order] + turn for turn in (-360.0, 0.0, 360.0)])

@@ -8,15 +8,14 @@ yields only the sum; two of different tan I separate the parts (physics page, se
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compasslib import angles, compass
-from compasslib.deviation.reference import ReferenceErrors, errors_from_json
-from compasslib.records import Pairs
+from compasslib import angles, compass, earthfield
+from compasslib.records import EarthField, Pairs, ReferenceCompass
 from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Floats
 
@@ -41,6 +40,18 @@ class ScatterNoise:
         """Compute the width for each pair, (n,) degrees, which grows as the water becomes slow."""
         slow = self.slow_deg_m_s**2 * (1.0 / upper_speed**2 + 1.0 / lower_speed**2)
         return np.sqrt(self.floor_deg**2 + slow)
+
+
+@dataclass(frozen=True)
+class ReferenceErrors:
+    """Errors of the reference's compass and of the mean veer in a fit to the reference's directions."""
+
+    constant_deg: float  #: standard deviation of the reference's constant, from magnetic north
+    veer_deg: float  #: of the mean veer between the depths
+    iron: Floats  #: (5, 2) change of the coefficients by one standard deviation of the reference's B and of its C
+    magnetic: bool  #: whether its directions are from magnetic north
+    veer_included: bool  #: whether the covariance of the fit includes the mean veer
+    share: float = 1.0  #: probability that the compass has a deviation, and follows the reference
 
 
 @dataclass(frozen=True)
@@ -71,27 +82,17 @@ class DeviationFit:
     iron_declared: bool = False  #: whether the owner declares a sphere or the distance of its iron
 
     def to_json(self) -> dict[str, Any]:
-        """Convert to the content of deviation.json."""
-        return {
-            "method": self.method,
-            "coefficients": dict(zip(LETTERS, self.coefficients.tolist(), strict=True)) if self.fitted else None,
-            "unit": "degrees" if self.method == "von_appen" else "1",
-            "covariance": self.covariance.tolist() if self.fitted else None,
-            "n_pairs": self.n_pairs,
-            "n_effective": self.n_effective,
-            "residual_rms_deg": self.residual_rms_deg,
-            "recorded_range_deg": self.recorded_range_deg,
-            "folded": self.folded,
-            "noise": vars(self.noise),
-            "heading_density": self.heading_density.tolist(),
-            "why": self.why,
-            "warnings": self.warnings,
-            **({"fixed": True} if self.fixed else {}),
-            **({"iron_declared": True} if self.iron_declared else {}),
-            **({} if self.covariance_known else {"covariance_known": False}),
-            **({} if self.prior is None else {"prior": self.prior.to_json()}),
-            "reference": None if self.reference is None else self.reference.to_json(),
+        """Convert to the content of deviation.json; some values are left out where they are the usual ones."""
+        usual = {"fixed": False, "iron_declared": False, "covariance_known": True, "prior": None}
+        stated = {name: value for name, value in vars(self).items() if name not in usual or value is not usual[name]}
+        parts = {
+            name: part and listed(part) for name, part in stated.items() if name in ("noise", "prior", "reference")
         }
+        letters = dict(zip(LETTERS, self.coefficients.tolist(), strict=True)) if self.fitted else None
+        unit, covariance = "degrees" if self.method == "von_appen" else "1", self.covariance.tolist()
+        density = self.heading_density.tolist()
+        stated |= {"coefficients": letters, "unit": unit, "covariance": covariance or None, "heading_density": density}
+        return stated | parts
 
     @property
     def fitted(self) -> bool:
@@ -104,28 +105,28 @@ class DeviationFit:
         return self.method in ("calibration", "coefficients")
 
 
+def listed(part: Any) -> dict[str, Any]:
+    """List the fields of a dataclass, with arrays as lists."""
+    return {name: x.tolist() if isinstance(x, np.ndarray) else x for name, x in vars(part).items()}
+
+
 def fit_from_json(content: Mapping[str, Any]) -> DeviationFit:
     """Build a fit from the content of deviation.json."""
+    stated = {part.name: content[part.name] for part in fields(DeviationFit) if part.name in content}
     letters, span, rms = content["coefficients"], content["recorded_range_deg"], content["residual_rms_deg"]
-    return DeviationFit(
-        method=content["method"],
-        n_pairs=content["n_pairs"],
-        coefficients=np.array([letters[k] for k in LETTERS] if letters else [], dtype=float),
-        covariance=np.array(content["covariance"] or [], dtype=float),
-        n_effective=content["n_effective"],
-        residual_rms_deg=float("nan") if rms is None else rms,
-        recorded_range_deg=None if span is None else (span[0], span[1]),
-        folded=content["folded"],
-        noise=ScatterNoise(**content["noise"]),
-        heading_density=np.array(content["heading_density"], dtype=float),
-        why=content["why"],
-        warnings=tuple(content.get("warnings", ())),
-        fixed=content.get("fixed", False),
-        covariance_known=content.get("covariance_known", True),
-        prior=prior_from_json(content.get("prior")),
-        reference=errors_from_json(content.get("reference")),
-        iron_declared=content.get("iron_declared", False),
-    )
+    reference = content.get("reference")
+    stated |= {
+        "coefficients": np.array([letters[k] for k in LETTERS] if letters else [], dtype=float),
+        "covariance": np.array(content["covariance"] or [], dtype=float),
+        "residual_rms_deg": float("nan") if rms is None else rms,
+        "recorded_range_deg": None if span is None else (span[0], span[1]),
+        "noise": ScatterNoise(**content["noise"]),
+        "heading_density": np.array(content["heading_density"], dtype=float),
+        "warnings": tuple(content.get("warnings", ())),
+        "prior": prior_from_json(content.get("prior")),
+        "reference": reference and ReferenceErrors(**reference | {"iron": np.array(reference["iron"])}),
+    }
+    return DeviationFit(**stated)
 
 
 def unfitted(method: str, n_pairs: int) -> DeviationFit:
@@ -175,10 +176,6 @@ class CoefficientPrior:
 
     mean: Floats  #: (5,) A..E of the exact compass, dimensionless
     precision: Floats  #: (5, 5) inverse covariance
-
-    def to_json(self) -> dict[str, Any]:
-        """Convert to the content of deviation.json."""
-        return {"mean": self.mean.tolist(), "precision": self.precision.tolist()}
 
 
 def prior_from_json(content: Mapping[str, Any] | None) -> CoefficientPrior | None:
@@ -242,9 +239,8 @@ def transfer_coefficients(
 ) -> TransferredCoefficients:
     """Transfer coefficients calibrated at one or more places to another.
 
-    P and cZ are unknown, of any sign, and nearly cancel in some compasses: at the place of the first calibration each
-    has an independent normal prior, whose standard deviation is ``iron_nT`` or, if larger, the calibrated B H; likewise
-    Q and fZ. They are conditioned on the calibrations: one determines P + cZ, a second one at another dip both. The
+    P and cZ are unknown, of any sign: at the first place each has a normal prior of ``iron_nT`` or the calibrated B H,
+    conditioned on the calibrations: one determines P + cZ, a second one at another dip both; likewise Q and fZ. The
     error of A counts as common, and a change of the compass from the first to the last as uniformly distributed.
     """
     n, first = len(calibrations), calibrations[0].field
@@ -264,21 +260,17 @@ def transfer_coefficients(
     covariance = there @ (prior - gain @ design @ prior) @ there.T
     change = residual[-1] - residual[0]
     covariance = (covariance + covariance.T) / 2.0 + np.outer(change, change) / 12.0
-    warning = _transfer_warning(covariance, noise * np.mean(level / away.horizontal_nT) ** 2, away)
-    return TransferredCoefficients(there @ found, covariance, there @ found + residual, warning)
-
-
-def _transfer_warning(covariance: Floats, noise: Floats, away: FieldAtPlace) -> str:
-    """Tell an uncertainty of B and C that a transfer adds, from 0.6 degrees on; empty if it is less."""
-    if weak := weak_field_warnings(away.horizontal_nT):
-        return weak[0]
-    there, here = (np.sqrt(np.diag(each)[1:3]) for each in (covariance, noise))
-    if np.all(there < here + 0.01):
-        return ""
-    return (
-        f"B and C are known to {there[0]:.3f} and {there[1]:.3f} here (1σ), as the shares of hard iron and of iron "
-        "induced by the vertical field are unknown; a second calibration at another dip would tell"
+    sigma, calibrated = (
+        np.sqrt(np.diag(x)[1:3]) for x in (covariance, noise * np.mean(level / away.horizontal_nT) ** 2)
     )
+    warning = (
+        f"B and C are known to {sigma[0]:.3f} and {sigma[1]:.3f} here (1σ), as the shares of hard iron and of iron "
+        "induced by the vertical field are unknown; a second calibration at another dip would tell"
+        if np.any(sigma >= calibrated + 0.01)  # 0.6 degrees
+        else ""
+    )
+    warning = next(iter(weak_field_warnings(away.horizontal_nT)), warning)
+    return TransferredCoefficients(there @ found, covariance, there @ found + residual, warning)
 
 
 DISTANCES_M = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0)
@@ -286,17 +278,7 @@ ORIENTATION = (0.5, 2.0)  # a dipole's field along its axis is twice that across
 
 
 def estimate_safe_distance(fit: DeviationFit, sphere_distance_m: tuple[float, float] | None) -> dict[str, Any] | None:
-    """Estimate the largest deviation at other distances from the iron's centre, as for a dipole: asin(|p| (r0/r)^3).
-
-    |p| is the field of hard and induced iron over the earth's horizontal one, at this latitude. Each range combines the
-    bounds of r0, a factor of 0.5 to 2 for the orientation, and the 95 % interval of |p|.
-
-    Args:
-        sphere_distance_m: bounds of the distance r0 from compass to iron's centre, not determined by the record.
-
-    Returns:
-        The block ``safe_distance`` of deviation.json; None without bounds, or for a series, whose terms are not fields.
-    """
+    """Estimate the deviation at other distances from the iron's centre, asin(|p| (r0/r)^3), by bounds of r0 and |p|."""
     if sphere_distance_m is None or not fit.fitted or fit.method == "von_appen":
         return None
     b_c = fit.coefficients[1:3]
@@ -315,3 +297,65 @@ def estimate_safe_distance(fit: DeviationFit, sphere_distance_m: tuple[float, fl
             {"m": r, "deviation_deg": both} for r, both in zip(reached.tolist(), largest.T.tolist(), strict=True)
         ],
     }
+
+
+# Errors of the reference's own compass: a constant, with which a fit turns, and iron of its own, b sin + c cos of the
+# *reference's* heading, of which it takes up what looks like iron of the affected compass.
+
+# Assumed for a moored magnetic compass that was not calibrated in place (docs/background/limits.md; keys of the
+# instrument give others), and for constants of affected compasses, by their mounting and alignment.
+CONSTANT_SIGMA_DEG, ALIGNMENT_SIGMA_DEG, IRON_SIGMA_NT, TILT_OFFSET_DEG = 2.0, 4.0, 525.0, 0.4
+STUDENT_68 = 1.1416  # 68.27 % of Student's t with four degrees of freedom lie within this, as of a normal within 1
+
+
+def declination_sigma(field: EarthField) -> float:
+    """Compute the standard deviation of the field model's declination, degrees."""
+    return earthfield.model_sigma(float(np.mean(field.horizontal_nT)))
+
+
+def reference_compass(
+    name: str, field: EarthField, *, magnetic: bool, sigma_deg: float | None = None, iron_nT: float | None = None
+) -> ReferenceCompass:
+    """Describe the compass of a reference by its keys; true directions add the error of another declination."""
+    horizontal, declination = float(np.mean(field.horizontal_nT)), declination_sigma(field)
+    dip_ratio = abs(float(np.mean(field.vertical_nT))) / horizontal
+    usual = CONSTANT_SIGMA_DEG if magnetic else float(np.hypot(CONSTANT_SIGMA_DEG, declination))
+    iron = (IRON_SIGMA_NT if iron_nT is None else iron_nT) / horizontal / angles.DEGREE
+    return ReferenceCompass(
+        name,
+        usual if sigma_deg is None else sigma_deg,
+        float(np.hypot(iron, TILT_OFFSET_DEG * dip_ratio)) if iron_nT is None else iron,
+        0.0 if magnetic else declination,
+    )
+
+
+def iron_pattern(pairs: Pairs) -> Floats:
+    """Compute the error of the reference's directions by one σ of its B and of its C, (n, 2) degrees."""
+    heading = angles.direction(pairs.lower_east, pairs.lower_north)  # of a vane, the worst case, where not recorded
+    if pairs.lower_heading_deg is not None:
+        heading = np.where(np.isfinite(pairs.lower_heading_deg), pairs.lower_heading_deg, heading)
+    return (pairs.compass.iron_deg if pairs.compass else 0.0) * np.column_stack(angles.sin_cos(heading))
+
+
+def reference_errors(pairs: Pairs, iron: Floats, *, veer_included: bool) -> ReferenceErrors | None:
+    """Collect the errors of the reference of a fit, with the change of A..E by its iron; None if not stated."""
+    if (compass := pairs.compass) is None:
+        return None
+    constant = float(np.hypot(compass.sigma_deg, compass.declination_deg))
+    return ReferenceErrors(constant, pairs.veer_deg, iron, compass.declination_deg == 0.0, veer_included)
+
+
+def constant_sigma(constant_deg: float, sigma_deg: float, error_deg: float) -> float:
+    """Compute the rms of the part of a fitted constant, degrees, that is not the affected compass's own.
+
+    The own part is normal with ``ALIGNMENT_SIGMA_DEG``, the error of the reference Student's t with four degrees of
+    freedom, 68 % of it within ``error_deg``; given their sum, the error has a mean and a standard deviation.
+    """
+    if error_deg == 0.0:
+        return 0.0
+    width, scale = float(np.hypot(ALIGNMENT_SIGMA_DEG, sigma_deg)), error_deg / STUDENT_68
+    error = np.linspace(-1.0, 1.0, 2001) * (abs(constant_deg) + 8.0 * error_deg + 4.0 * width)
+    log_density = -2.5 * np.log1p((error / scale) ** 2 / 4.0)
+    log_density = log_density - 0.5 * ((constant_deg - error) / width) ** 2
+    weight = np.exp(log_density - log_density.max())
+    return float(np.sqrt(np.average(error**2, weights=weight)))

@@ -10,15 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compasslib import angles
-from compasslib.deviation.model import (
-    MIN_PAIRS,
-    DeviationFit,
-    covariance_sigma,
-    observed_deviation,
-    observed_heading,
-    unfitted,
-)
-from compasslib.deviation.reference import iron_pattern, reference_errors
+from compasslib.deviation import model
+from compasslib.deviation.model import DeviationFit, iron_pattern, reference_errors
 from compasslib.records import Pairs
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.types import Floats
@@ -42,9 +35,9 @@ def series_deviation(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
 
 def fit_series(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
     """Fit the least-squares series to deviation against correct heading, from all starts; ``near`` is not used."""
-    if len(pairs) < MIN_PAIRS:
-        return unfitted("von_appen", len(pairs))
-    heading, deviation = observed_heading(pairs), observed_deviation(pairs)
+    if len(pairs) < model.MIN_PAIRS:
+        return model.unfitted("von_appen", len(pairs))
+    heading, deviation = model.observed_heading(pairs), model.observed_deviation(pairs)
     columns = series_design(heading)
     coefficients = multistart_least_squares(columns, deviation)
     residual = angles.wrap180(deviation - columns @ coefficients)
@@ -71,7 +64,7 @@ def fit_series_about_mean(pairs: Pairs) -> Floats:
 
     See von Appen 2015, Figs 6 and 7. ``fit_series`` minimizes wrapped residuals, which admits curves of any amplitude.
     """
-    heading, deviation = observed_heading(pairs), observed_deviation(pairs)
+    heading, deviation = model.observed_heading(pairs), model.observed_deviation(pairs)
     middle = angles.wrap180(angles.mean(deviation))
     return np.linalg.lstsq(series_design(heading), middle + angles.difference(deviation, middle))[0]
 
@@ -100,8 +93,8 @@ def series_slope(coefficients: ArrayLike, heading_deg: ArrayLike) -> Floats:
 def inverse_table(coefficients: ArrayLike, headings_deg: ArrayLike | None = None) -> tuple[Floats, Floats]:
     """Tabulate (gamma, beta) of the inverted region, gamma increasing and unwrapped, degrees.
 
-    Without a fold the region is the whole circle. With a fold it is the interval around the minimum of d gamma / d beta
-    in which the compass turns backwards (green curves of the paper's Fig. 7), or the one that contains most headings.
+    With a fold it is the interval around the minimum of d gamma / d beta in which the compass turns backwards (green
+    curves of the paper's Fig. 7), or the one that contains most headings.
     """
     grid = np.arange(0.0, 360.0, STEP_DEG)
     steepness = series_slope(coefficients, grid)
@@ -134,7 +127,7 @@ def invert_series(coefficients: ArrayLike, recorded_deg: ArrayLike, headings_deg
 
 def series_sigma(fit: DeviationFit, heading_deg: ArrayLike) -> Floats:
     """Compute the standard error of the inverted heading due to the coefficients' covariance, (n,) degrees."""
-    sigma = covariance_sigma(series_design(heading_deg), fit.covariance)
+    sigma = model.covariance_sigma(series_design(heading_deg), fit.covariance)
     return sigma / np.maximum(np.abs(series_slope(fit.coefficients, heading_deg)), 0.05)
 
 

@@ -61,11 +61,6 @@ def _lobe(order: float) -> EffectTarget:
     )  # fmt: skip
 
 
-def _add_bias(size: Floats, x: Floats, scene: Scene) -> Floats:
-    sine, cosine = (scene.departures[name] for name in ("body_flow_sine", "body_flow_cosine"))
-    return -(size[:, 1] * cosine - size[:, 0] * sine) / angles.DEGREE
-
-
 FIELD_STEP, BIAS_STEP = 200.0, 0.003
 LOBES = {"lobe3": 3.0, "lobe4": 4.0}
 TARGETS: Mapping[str, EffectTarget] = {
@@ -82,7 +77,10 @@ TARGETS: Mapping[str, EffectTarget] = {
         "water", needs=("body_flow_sine2",),
     ),
     "flow_offset": EffectTarget(
-        (("forward", "m/s", BIAS_STEP), ("starboard", "m/s", BIAS_STEP)), "water", _add_bias,
+        (("forward", "m/s", BIAS_STEP), ("starboard", "m/s", BIAS_STEP)), "water",
+        lambda size, _, scene: (
+            size[:, 0] * scene.departures["body_flow_sine"] - size[:, 1] * scene.departures["body_flow_cosine"]
+        ) / angles.DEGREE,
         "water", needs=("body_flow_sine", "body_flow_cosine"),
     ),
     "flow_direction": EffectTarget((("veer", "degrees", 1.0),), "water", lambda size, *_: size[:, 0], "water"),
@@ -127,10 +125,7 @@ DAILY_H, TIDAL_H = (24.0, 12.0, 8.0), (12.4206, 25.8193, 12.6583)  # periods
 
 
 def _smooth(term: Any, x: Floats, t: Floats) -> Floats:
-    """Evaluate the basis of a Gaussian process along a driver, 0 in its middle: a constant part of it belongs to A.
-
-    See Solin and Sarkka, Stat. Comput. 30, 419, 2020.
-    """
+    """Evaluate the basis of a Gaussian process along a driver, 0 in its middle (Solin and Sarkka 2020)."""
     reach = WIDE + 1.0
     frequency = np.pi * np.arange(1, SMOOTH + 1) / (2.0 * reach)
     standard = np.clip((x - term.middle) / max(abs(term.range), 1e-12), -WIDE, WIDE)
@@ -324,11 +319,7 @@ NOWHERE = Scene(*(np.zeros(0),) * 5, 0.0)
 
 
 def driver_series(scene: Scene, driver: str) -> Floats:
-    """Compute a driver's departure from its reference, (n,); for two joined by * their product.
-
-    Raises:
-        KeyError: the scene does not have it.
-    """
+    """Compute a driver's departure from its reference, (n,); for two joined by * their product."""
     if "*" in driver:
         first, second = driver.split("*")
         return driver_series(scene, first) * driver_series(scene, second)

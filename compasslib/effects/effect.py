@@ -67,11 +67,9 @@ class Scene:
 
 
 def parameter(unit: str, meaning: str, step: float, *, usual: float = np.inf) -> Any:
-    """Declare a parameter that is 0 where the effect is absent.
+    """Declare a parameter that is 0 where the effect is absent; a ``step`` of it turns the heading by roughly a degree.
 
-    Args:
-        step: a change that turns the heading by very roughly a degree, for finite differences.
-        usual: standard deviation of its prior; by default that of an effect of ``USUAL_DEG`` in the record.
+    ``usual`` is the standard deviation of its prior, by default that of an effect of ``USUAL_DEG``.
     """
     return field(default=0.0, metadata={"unit": unit, "meaning": meaning, "step": step, "usual": usual})
 
@@ -101,11 +99,9 @@ class Effect(ABC):
 
     @abstractmethod
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Apply the effect to the quantity that it acts on.
+        """Apply the effect to the field in the body frame, (n, 3) nT, or what else it acts on.
 
-        Args:
-            x: field in the body frame, (n, 3) nT; or shift of north, reading, or veer of the water, (n,) degrees; or
-                velocity of the water that carries a ship, (n, 2) m/s; or clock error, (n,) seconds.
+        Others: north, reading or veer, (n,) degrees; water that carries a ship, (n, 2) m/s; clock error, (n,) seconds.
         """
 
     def invert(self, reading_deg: Floats, scene: Scene) -> Floats:

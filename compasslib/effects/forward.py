@@ -1,12 +1,8 @@
 """Forward model of a compass near iron with further effects, and its inverse in closed form.
 
-Effects on the field are affine in the field, so that at every sample iron and effects together are one matrix and one
-vector, which levelling converts to five coefficients; the quadratic of compass.py inverts them. Effects on the readout
-are inverted first. A of the fitted compass is modelled as a rotation of the reading and not as antisymmetric iron: it
-includes the mean veer of the water, which must not tilt with the instrument.
-
-``heading_deg`` always means correct magnetic headings, ``recorded_deg`` readings, and ``earth_nT`` the earth's field in
-the body frame, (n, 3).
+Effects on the field are affine: iron and effects are one matrix and one vector at each sample, which levelling converts
+to five coefficients. A is a rotation of the reading: it includes the mean veer, which must not tilt. ``heading_deg``
+means correct magnetic headings, ``recorded_deg`` readings, ``earth_nT`` the earth's field in the body, (n, 3).
 """
 
 from __future__ import annotations
@@ -120,11 +116,7 @@ def water_veer(simulation: ForwardModel, scene: Scene) -> Floats | float:
 def heading_jacobian(
     simulation: ForwardModel, scene: Scene, heading_deg: Floats, *, first: int = 0, last: int | None = None
 ) -> Floats:
-    """Differentiate the correct heading by each parameter at constant recorded heading, (n, p) degrees per unit.
-
-    For compass effects it is -(d gamma / d parameter) / (d gamma / d beta), conditional on the recorded heading. The
-    derivative of the water's veer is added directly, because it shifts the heading observed with the reference.
-    """
+    """Differentiate the correct heading by each parameter at constant recorded heading, (n, p) degrees per unit."""
     at, steps, columns = simulation.parameters, 0.05 * simulation.steps, []
     still = None if _acting(simulation, "north") else earth_field_in_body(scene, heading_deg)
 
@@ -143,11 +135,7 @@ def heading_jacobian(
 
 
 def added_term_jacobian(simulation: ForwardModel, scene: Scene, heading_deg: Floats, term: Effect) -> Floats:
-    """Differentiate the correct heading by the parameters of an added term, (n, p) degrees per unit.
-
-    Terms on the reading are differentiated without the model's other terms on the reading, so that all of them act on
-    the same reading and are comparable.
-    """
+    """Differentiate the correct heading by the parameters of an added term, (n, p) degrees per unit."""
     if term.acts_on != "reading":
         both = replace(simulation, terms=(term, *simulation.terms))
         return heading_jacobian(both, scene, heading_deg, first=5, last=5 + len(term.fitted()))

@@ -8,16 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.effects.effect import (
-    READINGS,
-    SHORT_RECORDINGS,
-    Effect,
-    Scene,
-    additive,
-    date_parameter,
-    make_effect,
-    parameter,
-)
+from compasslib.effects import effect
+from compasslib.effects.effect import READINGS, SHORT_RECORDINGS, Effect, Scene, additive, parameter
 from compasslib.types import Floats
 
 USUAL_NT = 2000.0  # prior of a step, and of a year's drift: some degrees where the horizontal field is weak
@@ -64,7 +56,7 @@ HardIronStep = additive(
     literature="Poisson's P and Q, a step in time; forward and starboard positive",
     b_x_nT=parameter("nT", "step forward", 200.0, usual=USUAL_NT),
     b_y_nT=parameter("nT", "step to starboard", 200.0, usual=USUAL_NT),
-    date_s=date_parameter(),
+    date_s=effect.date_parameter(),
 )  # fmt: skip
 
 # Drift of the hard iron: steel that loses or gains magnetisation over the deployment.
@@ -182,7 +174,7 @@ Heeling = additive(
 
 def _soft_iron(title: str, summary: str, induced: Callable[[Any], Floats], **members: Any) -> type[Any]:
     """Create the class of an effect of fields induced by a symmetric matrix, trace-free as the scale is fitted."""
-    return make_effect(
+    return effect.make_effect(
         title, summary, lambda term, x, scene: x + x @ induced(term), name="soft_iron", driver="heading",
         possible=property(lambda term: bool(np.linalg.eigvalsh(np.eye(3) + induced(term)).min() > 0.0)),
         **members,

@@ -10,16 +10,8 @@ from typing import ClassVar
 import numpy as np
 
 from compasslib import angles, compass
-from compasslib.effects.effect import (
-    READINGS,
-    SHORT_RECORDINGS,
-    Effect,
-    Scene,
-    additive,
-    date_parameter,
-    make_effect,
-    parameter,
-)
+from compasslib.effects import effect
+from compasslib.effects.effect import READINGS, SHORT_RECORDINGS, Effect, Scene, additive, parameter
 from compasslib.types import Floats
 
 _reading = partial(additive, stage="readout", acts_on="reading")
@@ -121,7 +113,7 @@ HeadingSlip = _reading(
     },
     literature="a step of A in von Appen 2015, eq. (1); reading clockwise positive",
     offset_deg=parameter("degrees", "turn of the reading after the date", 1.0, usual=10.0),
-    date_s=date_parameter(),
+    date_s=effect.date_parameter(),
 )  # fmt: skip
 MountingOffset = _reading(
     "MountingOffset", "The recorded heading is rotated by a constant from that of the magnetometer's axes.",
@@ -156,7 +148,7 @@ CompassDelay = _reading(
 
 
 # Levelling by wrong tilts mixes the vertical into the horizontal field.
-_tilt = partial(make_effect, driver="tilt", stage="sensor")
+_tilt = partial(effect.make_effect, driver="tilt", stage="sensor")
 
 
 def _levelled(x: Floats, scene: Scene, pitch_deg: Floats | float, roll_deg: Floats | float) -> Floats:

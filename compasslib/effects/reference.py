@@ -7,12 +7,11 @@ delay of a reading relative to its course, (n,) seconds, and a filter on the hea
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from compasslib import angles
-from compasslib.effects.effect import Scene, additive, date_parameter, make_effect, parameter
+from compasslib.effects.effect import additive, date_parameter, make_effect, parameter
 from compasslib.types import HOUR_S, Floats
 
 # Magnetic north: secular variation, storms, daily variation, declination errors.
@@ -144,15 +143,12 @@ ReferenceBeams = _reference(
 )  # fmt: skip
 
 
-def _bias(term: Any, scene: Scene) -> Floats:
-    """Compute the veer; the departures are sine and cosine of the flow's angle in the body frame, over the speed."""
-    sine, cosine = (scene.departures[name] for name in term.needs)
-    return (term.starboard_m_s * cosine - term.forward_m_s * sine) / angles.DEGREE
-
-
 ReferenceBias = _reference(
     "ReferenceBias", "A constant velocity in its own frame is added to the reference's measurements, as by ringing.",
-    _bias,
+    lambda term, scene: (
+        term.starboard_m_s * scene.departures["reference_flow_cosine"]
+        - term.forward_m_s * scene.departures["reference_flow_sine"]
+    ) / angles.DEGREE,
     name="reference_bias", driver="reference_heading", shows_along=("speed",),
     needs=("reference_flow_sine", "reference_flow_cosine"),
     words="the velocities of the reference have a constant offset in its own frame",

@@ -19,7 +19,7 @@ from scipy.linalg import block_diag
 
 from compasslib import angles
 from compasslib.deviation.exact import positive_part
-from compasslib.deviation.model import LETTERS, CoefficientPrior, DeviationFit, prior_from_json
+from compasslib.deviation.model import LETTERS, CoefficientPrior, DeviationFit, listed, prior_from_json
 from compasslib.effects import SLOW_WATER, Effect
 from compasslib.effects.effect import YEAR_S, parameter_slices
 from compasslib.effects.forward import ForwardModel
@@ -467,7 +467,7 @@ def _returned_json(
     effects = information_from_others(searched, shared) if shared is not None and searched else {}
     return {
         "from": list(others),
-        "prior": prior.to_json(),
+        "prior": listed(prior),
         "effects": {
             form: {"information": information.tolist(), "score": score.tolist()}
             for form, (information, score) in effects.items()

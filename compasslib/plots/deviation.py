@@ -19,9 +19,9 @@ from matplotlib.ticker import FuncFormatter, LogLocator
 from numpy.typing import ArrayLike, NDArray
 
 from compasslib import angles, compass
+from compasslib.deviation.assessment import BIN_DEG, BINS, Counts, directions_at_pairs
 from compasslib.deviation.correction import reference_modes
-from compasslib.deviation.curve import correct_roots, reading_slope
-from compasslib.deviation.histograms import BIN_DEG, BINS, Counts, directions_at_pairs
+from compasslib.deviation.exact import correct_roots, reading_slope
 from compasslib.deviation.model import (
     DeviationFit,
     FieldAtPlace,

@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 
 from compasslib import angles
 from compasslib.archive.summary import DepthSeries
-from compasslib.deviation.histograms import BIN_DEG, BINS
+from compasslib.deviation.assessment import BIN_DEG, BINS
 from compasslib.deviation.model import DeviationFit
 from compasslib.plots.deviation import GIVEN_UP, deviation_curve
 from compasslib.plots.page import (

@@ -15,7 +15,7 @@ from compasslib.archive import gridded as archive
 from compasslib.archive import netcdf, provenance, sites, summary
 from compasslib.archive.attributes import Site
 from compasslib.archive.files import read_json, write_json
-from compasslib.deviation.assessment import answer_use
+from compasslib.deviation.assessment import answer_use, build_histograms
 from compasslib.deviation.correction import (
     correct_in_pieces,
     describe_correction,
@@ -24,8 +24,7 @@ from compasslib.deviation.correction import (
     tabulate_deviation,
 )
 from compasslib.deviation.doubts import evaluate_doubts
-from compasslib.deviation.histograms import build_histograms
-from compasslib.deviation.reference import declination_sigma, reference_compass
+from compasslib.deviation.model import declination_sigma, reference_compass
 from compasslib.inference import covariates
 from compasslib.inference import product as products
 from compasslib.inference.product import CorrectionModel

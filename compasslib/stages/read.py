@@ -13,7 +13,7 @@ from compasslib import earthfield, readers
 from compasslib.archive import netcdf, provenance
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations.observatory import with_observatory_warnings
-from compasslib.deviation.reference import reference_compass
+from compasslib.deviation.model import reference_compass
 from compasslib.errors import InputError
 from compasslib.preparation.deployment import (
     add_covariates,

@@ -417,7 +417,7 @@ def _place(mooring: Mooring) -> dict[str, Any]:
 
 
 def _reference_compasses(mooring: Mooring) -> list[Arguments]:
-    """List the arguments of ``deviation.reference.reference_compass`` for each reference."""
+    """List the arguments of ``deviation.model.reference_compass`` for each reference."""
     return [
         {
             "name": role,

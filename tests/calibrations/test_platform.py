@@ -215,7 +215,6 @@ def test_a_pack_turned_by_ninety_degrees_moves_the_phase_by_ninety(tmp_path):
     phase, size = found["one_cycle"]["phase_deg"], found["one_cycle"]["amplitude_deg"]
     assert found["differ"] and abs(abs(phase["shift"]) - 90.0) < 3.0 * phase["sigma"]
     assert abs(size["difference"]) < 3.0 * size["sigma"]
-    assert set(found["difference"]) == set("ABCDE") and found["difference"]["B"]["z"] < -10.0
     assert found["text"].startswith("This calibration and before differ (p < 0.001).")
 
 
@@ -288,7 +287,7 @@ def test_a_demagnetised_compass_has_no_phase_and_a_refused_one_is_not_compared(t
     found = result.compare(clean, before)
     assert found["one_cycle"]["phase_deg"] is None and "too small on one side" in found["text"] and found["differ"]
     four = page(calibrated(tmp_path, readings(ring(4))))
-    assert set(result.compare(four, before)["difference"]) == set("ABC")
+    assert np.isfinite(result.compare(four, before)["p_value"])
     refused = page(calibrated(tmp_path, readings([10.0])), "bad")
     assert "no calibration: one heading only" in result.log_line(refused)
     assert result.compare(refused, before)["why"] == "this calibration has no coefficients"

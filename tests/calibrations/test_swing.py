@@ -84,7 +84,6 @@ def test_the_eight_headings_by_course_over_ground(eight):
     cardinal = found.details["cardinal"]
     printed = {"A_bar": -0.4625, "A": -0.3275, "B_bar": -6.0005, "C_bar": -1.8985, "D": 1.725, "E": 1.049}
     assert {k: round(cardinal[k], 4) for k in printed} == printed
-    assert round(found.details["cardinal_bound_deg"], 3) == 0.585  # MM section 7.3: 1 kn at 7 kn
     assert found.details["drift"]["separable"] is False
     assert "no speeds were logged" in " ".join(found.warnings)
     by_heading = swing.calibrate([eight], {"declination_deg": DECLINATION, "withhold": ["cog_deg"]})
@@ -199,7 +198,7 @@ def test_visual_marks_determine_b_and_c(tmp_path):
     assert np.trace(two.covariance[1:3, 1:3]) < 0.1 * np.trace(one.covariance[1:3, 1:3])
     both = two.details["residual_b_c"]["two_headings"]
     assert (both["B"], both["C"]) == pytest.approx((5.0, -3.0), abs=0.3)  # second order of the drift
-    assert {"B", "C", "theta_1", "theta_2"} <= set(one.details["residual_b_c"]["one_heading"])
+    assert {"B", "C", "drift"} == set(one.details["residual_b_c"]["one_heading"])
 
 
 @pytest.mark.parametrize("set_deg", [0.0, 40.0, 130.0, 220.0])
@@ -216,7 +215,7 @@ def test_five_courses_and_one_mark_state_the_error_by_drift(tmp_path, set_deg):
     assert np.all(np.abs(off) < 1.96 * sigmas(found)) and result.expanded(found.sources) < 8.0
     drift = found.details["residual_b_c"]["one_heading"]["drift"]
     by_mark = [found.details["residual_b_c"]["one_heading"][k] for k in "BC"]
-    error = 5.73 * np.cos(np.deg2rad(set_deg - 40.0)) * np.array([drift["along"]["B"], drift["along"]["C"]])
+    error = 5.73 * np.cos(np.deg2rad(set_deg - 40.0)) * np.array([np.cos(np.deg2rad(40.0)), -np.sin(np.deg2rad(40.0))])
     assert np.subtract(by_mark, truth[1:3]) == pytest.approx(-error, abs=0.6)  # second order
     assert not any("lies in the quadrant of" in text for text in found.warnings)
     elsewhere = swing.calibrate([tmp_path / "swing.csv"], SURE | {"visual": [{"compass_deg": 130, "true_deg": 130}]})
@@ -352,19 +351,6 @@ def test_a_delay_that_explains_most_of_the_misfit_is_applied(tmp_path, late, app
     assert f"The {late_ones} are late by {abs(delay_s):.1f}" in found.details["delay"]["text"]
     without = swing.calibrate([path], SURE | {"declination_deg": 5.0, "max_lag_s": 0.0})
     assert without.n < found.n and result.expanded(found.sources) < result.expanded(without.sources)
-
-
-def test_zero_readings_in_a_log_are_left_out_and_counted(tmp_path):
-    columns = circling(900, 0.8)
-    whole = swing.calibrate([written(tmp_path, **columns)], SURE)
-    assert "unlike the readings before and after" not in whole.details["left_out"]
-    lost = np.random.default_rng(4).random(900) < 0.1
-    unlike = np.abs(angles.wrap180(columns["compass_deg"])) > 60.0
-    columns["compass_deg"] = np.where(lost, 0.0, columns["compass_deg"])
-    found = swing.calibrate([written(tmp_path, **columns)], SURE)
-    left_out = found.details["left_out"]["unlike the readings before and after"]
-    assert (lost & unlike).sum() <= left_out <= lost.sum()
-    assert np.all(np.abs(found.coefficients - whole.coefficients) < 2.0 * sigmas(whole))
 
 
 def test_invalid_swing_files_are_refused_with_the_reason(tmp_path):

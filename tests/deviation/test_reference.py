@@ -8,7 +8,7 @@ import pytest
 from compasslib import angles
 from compasslib.deviation import fit_deviation
 from compasslib.deviation.correction import correct, reference_modes
-from compasslib.deviation.reference import ALIGNMENT_SIGMA_DEG, STUDENT_68, constant_sigma, reference_compass
+from compasslib.deviation.model import ALIGNMENT_SIGMA_DEG, STUDENT_68, constant_sigma, reference_compass
 from compasslib.records import ReferenceCompass
 from tests.world.sea import field_of, pairs, record_of
 

@@ -9,10 +9,15 @@ from scipy.signal import lfilter
 from compasslib import angles, compass
 from compasslib.archive import summary
 from compasslib.archive.files import read_csv
-from compasslib.deviation.assessment import assess_correction, confidence_intervals
+from compasslib.deviation.assessment import (
+    BIN_DEG,
+    QUANTITIES,
+    assess_correction,
+    build_histograms,
+    confidence_intervals,
+)
 from compasslib.deviation.correction import LOOKUP_COLUMNS, tabulate_deviation
 from compasslib.deviation.doubts import doubt_whole_record
-from compasslib.deviation.histograms import BIN_DEG, QUANTITIES, build_histograms
 from compasslib.deviation.model import DeviationFit, estimate_safe_distance, unfitted
 from compasslib.deviation.series import fit_series, series_deviation
 from compasslib.records import BAD

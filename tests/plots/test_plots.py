@@ -10,6 +10,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 import pytest
+from compasslib.deviation.curve import correct_roots
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
@@ -22,9 +23,8 @@ from compasslib.archive import files as archive_files
 from compasslib.archive import gridded
 from compasslib.archive import summary as archive_currents
 from compasslib.deviation import assessment
+from compasslib.deviation.assessment import build_histograms, directions_at_pairs
 from compasslib.deviation.correction import correct
-from compasslib.deviation.curve import correct_roots
-from compasslib.deviation.histograms import build_histograms, directions_at_pairs
 from compasslib.deviation.likelihood import CELLS
 from compasslib.deviation.model import DeviationFit, nearest_root, observed_heading, unfitted
 from compasslib.deviation.series import fit_series, series_deviation

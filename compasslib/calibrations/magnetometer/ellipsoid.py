@@ -105,11 +105,7 @@ def modulus(field: Floats, down: Floats) -> Floats:
 
 
 def solve(model: Model, readings: ScaledReadings, centre: Floats) -> tuple[Floats, float]:
-    """Minimise the adjusted loss over the parameters (p,) and estimate the noise variance of one axis.
-
-    Raises:
-        np.linalg.LinAlgError: the readings do not determine the parameters.
-    """
+    """Minimise the adjusted loss over the parameters, (p,), and estimate the noise variance of one axis."""
     wanted = np.concatenate([centre, np.eye(3).ravel()])
     parameters = np.linalg.lstsq(model.chain.T, wanted, rcond=None)[0]
     for _ in range(60):
@@ -219,10 +215,7 @@ class ModelChoice:
 
 
 def choose_model(log: Log, body: Floats) -> ModelChoice | str:
-    """Choose the model that readings (n, 3) in the body frame determine, an ellipsoid, else one for level platforms.
-
-    Where no model can be fitted, the reason is returned instead.
-    """
+    """Choose the model that readings (n, 3) in the body frame determine, in space or level; else the reason."""
     return (_choose_spatial(body) if log.has_z else None) or _choose_level(log, body)
 
 
@@ -328,10 +321,7 @@ def _unusable_circle(circle: FittedEllipsoid, readings: ScaledReadings, noise: f
 def _standard_errors(
     model: Model, fitted: FittedEllipsoid, readings: ScaledReadings, noise: tuple[float, float]
 ) -> dict[str, float]:
-    """Compute each parameter's standard error relative to the field, with all parameters free.
-
-    Averaged noise and systematic errors are magnified by the inverse information of an average reading.
-    """
+    """Compute each parameter's standard error relative to the field, with all parameters free."""
     _, weight, gradient = _linearize(fitted.iron, readings)
     steepness = 2.0 * np.linalg.norm(weight, axis=1)[:, None]  # |d(squared modulus) / d(reading)|
     columns = gradient @ model.chain.T / np.maximum(steepness, 1e-6)

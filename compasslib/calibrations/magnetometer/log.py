@@ -123,10 +123,7 @@ def _compose(
 
 
 def _read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
-    """Read the direction cosines, tilts and heading of a Falmouth 3D-ACM, without the aliased first scan of a profile.
-
-    The axes are forward, port, up; TX raises the first and TY the second. The logger levels each axis separately.
-    """
+    """Read direction cosines (forward, port, up), tilts and heading of a Falmouth 3D-ACM, without aliased scans."""
     known = {*HEADERS, *HEADERS.values(), "time_utc"}
     needed = {"x", "y", HEADERS["x"], HEADERS["y"]}
     if wrong := sorted(set(withhold) - (known - needed)):
@@ -185,11 +182,7 @@ def level_heading(field: Floats, levelling: Floats) -> Floats:
 
 
 def determine_axes(log: Log) -> tuple[Axes, list[str]]:
-    """Determine the axes from the logged heading if it follows them, else assume x forward, y starboard, z down; warn.
-
-    The heading fixes the quarter turn, the handedness and, with tilts, up or down; the remaining offset is the angle
-    about the vertical between magnetometer and instrument.
-    """
+    """Determine the axes from the logged heading if it follows them, else assume x forward, y starboard, z down."""
     usual = _describe_axes(np.eye(3))
     assumed = Axes(np.eye(3), f"{usual} (assumed)")
     if log.heading_deg is None:

@@ -87,7 +87,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         residual_rms_deg=angles.rms(series.residuals[COURSE]),
         points=_points(swing, series),
         warnings=(*made.warnings, *_warnings(swing, series, exact, drift)),
-        **_certificate(made.details, swing, series, exact, drift),
+        **_certificate(made.details, swing, series, drift),
     )
 
 
@@ -148,9 +148,6 @@ def _principal_courses(swing: Swing) -> dict[str, Any]:
     marks = [(c, float(angles.difference(t - declination, c))) for c, t in swing.marks]
     return {
         "cardinal": principal,
-        "pseudo_deviation_deg": psi,
-        "cardinal_bound_deg": adjustment.error_bound_deg(ratio),
-        "drift_ratio": ratio,
         "residual_b_c": adjustment.residual_b_and_c(principal, marks, ratio, speeds) or None,
         "pseudo_minus_true": minus_true,
         "speed_kn": speed,
@@ -158,7 +155,7 @@ def _principal_courses(swing: Swing) -> dict[str, Any]:
 
 
 def _certificate(
-    details: Mapping[str, Any], swing: Swing, series: SwingFit, exact: SwingFit, drift: Mapping[str, Any] | None
+    details: Mapping[str, Any], swing: Swing, series: SwingFit, drift: Mapping[str, Any] | None
 ) -> dict[str, Any]:
     """Make table, uncertainty budget and details: drift and delay, verdict, magnets and their adjustment."""
     observed, principal, options = swing.observed, details["cardinal"], swing.options
@@ -178,7 +175,7 @@ def _certificate(
             f"The {late} are late by {abs(lag_s[0]):.1f} ± {1.96 * lag_s[1]:.1f} s (95 %). They are paired with the "
             f"{other} of then, and turns are kept: the mean misfit is {left:.1f}° instead of {without:.1f}°."
         )
-        delay = {"applied_s": observed.delay_s, "misfit_deg": {"without": without, "with": left}, "text": text}
+        delay = {"applied_s": observed.delay_s, "text": text}
     magnets, steps = adjustment.plan_magnets(coefficients, table.heading_deg), adjustment.adjust(coefficients)
     correctors: dict[str, Any] = {"steps": steps}
     if magnets["largest_deg"]["none"] > adjustment.LIMIT_DEG:
@@ -196,9 +193,7 @@ def _certificate(
         "iso_25862": adjustment.verdict(table, options.vessel_length_m, details["speed_kn"]),
         "nullify": magnets,
         "correctors": correctors,
-        "directive_force": adjustment.directive_force(coefficients, table.heading_deg),
-        "n_effective": series.noises[COURSE].n_effective,
-        "exact_residual_rms_deg": angles.rms(exact.residuals[COURSE]),
+        "directive_force": adjustment.directive_force(coefficients, table.heading_deg).tolist(),
     }
     sources = tuple(Source(name, float(np.sqrt(x)), how) for (name, how), x in squares.items() if x > 1e-12)
     return {"table": table, "sources": sources, "details": {**details, **more}}
@@ -245,10 +240,7 @@ def _refusal(swing: Swing) -> str:
 
 
 def _warnings(swing: Swing, series: SwingFit, exact: SwingFit, drift: Mapping[str, Any] | None) -> list[str]:
-    """List the conditions under which the curve holds: of headings, water, delay and size of the deviation.
-
-    If the only quadrantal course does not lie in the mark's quadrant, an error of D enters B and C (MM section 7.1, 4).
-    """
+    """List the conditions under which the curve holds: of headings, water, delay and size of the deviation."""
     observed, declination, most_s = swing.observed, swing.declination_deg, swing.options.max_lag_s
     n, distinct = len(observed), observations.distinct_headings(observed.recorded_deg)
     gap, stated = observations.widest_gap(observed.recorded_deg), observed.variation_deg

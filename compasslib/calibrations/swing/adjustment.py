@@ -34,10 +34,7 @@ CARDINAL = {
 
 
 def mean_by_point(values: ArrayLike, course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[str, float]:
-    """Average values on each of the eight points, NaN where none was steered.
-
-    Observations are assigned to the nearest point by course or by compass, whichever lies closer to the points.
-    """
+    """Average values on each of the eight points, by course or compass, whichever lies closer; NaN where absent."""
     headings = np.asarray(course_deg), np.asarray(recorded_deg)
     steered = min(headings, key=lambda x: angles.rms(x - 45.0 * np.rint(x / 45.0)))
     nearest, values = np.rint(steered / 45.0).astype(int) % len(POINTS), np.asarray(values, dtype=float)
@@ -53,8 +50,7 @@ def pseudo_deviations(course_deg: ArrayLike, recorded_deg: ArrayLike) -> dict[st
 def principal_coefficients(psi: Mapping[str, float], declination_deg: float) -> dict[str, Any]:
     """Compute A, B bar, C bar, D and E from pseudo-deviations, MM (39), (44) to (50); NaN where a course is missing.
 
-    D is the mean over the steered quadrants, which is (47) for all four. With a declination of 0, the
-    pseudo-deviations, by point, are treated as deviations. MM print 0.707 for the sine of 45 degrees.
+    D is the mean over the steered quadrants, which is (47) for all four. MM print 0.707 for the sine of 45 degrees.
     """
     n, ne, e, se, s, sw, w, nw = (psi[point] for point in POINTS)
     a_bar, b_bar, c_bar = (n + e + s + w) / 4.0, (e - w) / 2.0, (n - s) / 2.0
@@ -79,11 +75,7 @@ def error_bound_deg(ratio: float) -> float:
 
 
 def set_and_drift_terms(ratio: float, set_deg: float) -> dict[str, float]:
-    """Compute the corrections of the coefficients for set and drift, MM (22), (37) and (43).
-
-    B = B bar + x, C = C bar - y, E = E bar + xy (its second-order term), D = D bar - (x2 - y2)/2. The ratio is that of
-    drift to the ship's speed, d/S; the set is the magnetic direction towards which the water flows.
-    """
+    """Compute x, y and the terms of D and E by drift over ship's speed and magnetic set, MM (22), (37), (43)."""
     (sine, cosine), (sine2, cosine2) = angles.sin_cos(set_deg), angles.sin_cos(2.0 * set_deg)
     first, second = ratio / angles.DEGREE, error_bound_deg(ratio)
     terms = {"x": first * cosine, "y": first * sine, "E": second * sine2, "D": second * cosine2}
@@ -102,14 +94,15 @@ def residual_b_and_c(
         return residual
     bars = principal["B_bar"], principal["C_bar"]
     if marks:
-        (compass_deg, deviation_deg), one = marks[0], residual_by_lushnikov(principal, bars, *marks[0])
-        residual["one_heading"] = {**one, "compass_deg": compass_deg, "deviation_deg": deviation_deg}
+        residual["one_heading"] = residual_by_lushnikov(principal, bars, *marks[0])
     if len(marks) > 1:
         residual["two_headings"] = residual_from_two_headings(principal, marks[0], marks[1])
     if marks and drift_ratio and "B" not in residual.get("two_headings", {}):
         residual["one_heading"]["drift"] = drift_in_one_heading(drift_ratio, sum(marks[0]))
-    if speed_kn and (water := drift_by_opposite_courses(speed_kn)):
-        residual["opposite_courses"] = {"B": bars[0] + water["x"], "C": bars[1] - water["y"], **water}
+    n, e, s, w = (speed_kn[point] if speed_kn else np.nan for point in "NESW")
+    if np.isfinite([n, e, s, w]).all():
+        x, y = (n - s) / (n + s) / angles.DEGREE, (e - w) / (e + w) / angles.DEGREE  # MM (22)
+        residual["opposite_courses"] = {"B": bars[0] + x, "C": bars[1] - y}
     return residual
 
 
@@ -128,13 +121,12 @@ def residual_from_two_headings(
 
 def residual_by_lushnikov(
     known: Mapping[str, float], bars: tuple[float, float], compass_deg: float, deviation_deg: float
-) -> dict[str, float]:
+) -> dict[str, Any]:
     """Compute residual B and C from A, D, E, (B bar, C bar) and one visual reference, MM (54) to (60)."""
     sine, cosine = (float(x) for x in angles.sin_cos(compass_deg + deviation_deg))
     across = _semicircular_part(known, compass_deg + deviation_deg, deviation_deg)
     along = bars[0] * cosine - bars[1] * sine
-    residual = {"B": across * sine + along * cosine, "C": across * cosine - along * sine}
-    return residual | {"theta_1": across, "theta_2": along}
+    return {"B": across * sine + along * cosine, "C": across * cosine - along * sine}
 
 
 def _semicircular_part(known: Mapping[str, float], course_deg: float, deviation_deg: float) -> float:
@@ -145,46 +137,25 @@ def _semicircular_part(known: Mapping[str, float], course_deg: float, deviation_
 def drift_in_one_heading(ratio: float, heading_deg: float) -> dict[str, Any]:
     """Describe the error of Lushnikov's B and C due to an unknown drift of at most ``ratio``, which MM do not mention.
 
-    Step (60) takes the component along the heading from B bar and C bar, which include the drift: the error of (B, C)
-    is -57.3 (d/S) cos(set - heading) along (cos heading, -sin heading), so the deviation errs most 90 degrees off it.
+    Step (60) takes the component along the heading from B bar and C bar: the error of (B, C) is
+    -57.3 (d/S) cos(set - heading) along (cos heading, -sin heading), so the deviation errs most 90 degrees off it.
     """
     sine, cosine = (float(x) for x in angles.sin_cos(heading_deg))
-    largest = ratio / angles.DEGREE
-    along, worst = np.array([cosine, -sine]), angles.wrap360([heading_deg + 90.0, heading_deg - 90.0])
+    largest, worst = ratio / angles.DEGREE, angles.wrap360([heading_deg + 90.0, heading_deg - 90.0])
     text = (
         f"B and C by one mark hold the drift of the water: up to {largest:.1f}° ({largest / 2.0:.1f}° standard) along "
         f"({cosine:+.2f} B, {-sine:+.2f} C). It errs the deviation most on {worst[0]:03.0f}° and {worst[1]:03.0f}° and "
         f"not on {angles.wrap360(heading_deg):03.0f}°. Head for a second mark 60 to 120° away, or log the speed over "
         "ground on opposite courses at one engine speed"
     )
-    return {
-        "sigma_deg": largest / 2.0,
-        "largest_deg": largest,
-        "along": {"B": cosine, "C": -sine},
-        "covariance": (np.outer(along, along) * (largest / 2.0) ** 2).tolist(),
-        "text": text,
-    }
+    return {"largest_deg": largest, "text": text}
 
 
-def drift_by_opposite_courses(speed_kn: Mapping[str, float]) -> dict[str, float] | None:
-    """Compute x and y of (22) from speeds over ground on the four cardinal courses; None where one is missing.
-
-    The ship's speed through the water must be the same on opposite courses; a scatter of 2 % is assumed.
-    """
-    n, e, s, w = (speed_kn[point] for point in "NESW")
-    if not np.isfinite([n, e, s, w]).all():
-        return None
-    x, y, sigma = (n - s) / (n + s), (e - w) / (e + w), 0.02 / np.sqrt(2.0)
-    return {"x": x / angles.DEGREE, "y": y / angles.DEGREE, "sigma_deg": sigma / angles.DEGREE}
-
-
-def directive_force(coefficients: Floats, heading_deg: Floats) -> dict[str, Any]:
+def directive_force(coefficients: Floats, heading_deg: Floats) -> Floats:
     """Compute the relative directive force, H' cos(deviation) over lambda H, by magnetic heading, MM (53)."""
     (sine, cosine), (sine2, cosine2) = angles.sin_cos(heading_deg), angles.sin_cos(2.0 * heading_deg)
     _, b, c, d, e = coefficients * angles.DEGREE
-    relative = 1.0 + b * cosine - c * sine + d * cosine2 - e * sine2
-    least = int(np.argmin(relative))
-    return {"relative": relative.tolist(), "least": float(relative[least]), "on_deg": float(heading_deg[least])}
+    return 1.0 + b * cosine - c * sine + d * cosine2 - e * sine2
 
 
 def deviation_table(coefficients: Floats, covariance: Floats, step_deg: float) -> DeviationTable:
@@ -220,12 +191,12 @@ def verdict(table: DeviationTable, length_m: float | None, speed_kn: float | Non
 
 
 def plan_magnets(coefficients: Floats, heading_deg: Floats) -> dict[str, Any]:
-    """Plan magnets for B and C and tabulate the residual deviation of each choice (MM section 7.2, points 8 and 9)."""
-    remains, largest = {}, {}
+    """Plan magnets for B and C, with the largest deviation that each choice leaves (MM section 7.2, points 8 and 9)."""
+    largest = {}
     for choice, letters in {"none": "", "B": "B", "C": "C", "both": "BC"}.items():
         remaining = series_deviation(coefficients * [letter not in letters for letter in LETTERS], heading_deg)
-        remains[choice], largest[choice] = remaining.tolist(), float(np.max(np.abs(remaining)))
-    b, c = coefficients[1:3]
+        largest[choice] = float(np.max(np.abs(remaining)))
+    b, c = coefficients[1:3].tolist()
     first, falls = "B" if abs(b) >= abs(c) else "C", f"the largest deviation falls from {largest['none']:.1f}°"
     if largest["none"] <= LIMIT_DEG:
         text = f"No deviation exceeds 4° (largest {largest['none']:.1f}°); nothing need be nullified."
@@ -238,11 +209,11 @@ def plan_magnets(coefficients: Floats, heading_deg: Floats) -> dict[str, Any]:
             f"With B and C nullified {largest['both']:.1f}° remain, more than 4°: soft iron near the compass; "
             "only another place for the compass, or soft-iron correctors, take it away."
         )
-    magnets = {"B": magnets_for("B", float(b)), "C": magnets_for("C", float(c))}
-    return {"magnets": magnets, "residual_table_deg": remains, "largest_deg": largest, "text": text}
+    magnets = {letter: {"text": nullifying(letter, value)} for letter, value in (("B", b), ("C", c))}
+    return {"magnets": magnets, "largest_deg": largest, "text": text}
 
 
-def magnets_for(letter: str, value_deg: float) -> dict[str, Any]:
+def nullifying(letter: str, value_deg: float) -> str:
     """Describe how to nullify B or C (MM section 7.2, point 7).
 
     A positive B is a field towards the bow. Above or beside the middle of a magnet, its field opposes the direction
@@ -252,30 +223,18 @@ def magnets_for(letter: str, value_deg: float) -> dict[str, Any]:
         courses, settle, ends = (90.0 - value_deg, 270.0 + value_deg), (90.0, 270.0), ("forward", "aft")
     else:
         courses, settle, ends = (-value_deg, 180.0 + value_deg), (0.0, 180.0), ("to starboard", "to port")
-    red, (first, second) = ends[value_deg <= 0], (float(x) for x in angles.wrap360(courses))
-    text = (
+    red, (first, second) = ends[value_deg <= 0], angles.wrap360(courses)
+    return (
         f"To nullify {letter} ({value_deg:+.1f}°): steer {first:05.1f}° (or {second:05.1f}°) by compass, read the "
         f"course over ground, keep it by the receiver, and turn the {LIE[letter]} magnets, red ends {red}, until the "
         f"compass shows {settle[0]:03.0f}° (or {settle[1]:03.0f}°)."
     )
-    return {
-        "letter": letter,
-        "lie": LIE[letter],
-        "courses_deg": (first, second),
-        "settle_deg": settle,
-        "red_towards": red,
-        "text": text,
-    }
 
 
 def adjust(
     coefficients: Floats, first: tuple[str, str] = ("E", "N"), water_deg: tuple[float, float] = (0.0, 0.0)
 ) -> list[dict[str, Any]]:
-    """Simulate the adjustment on four cardinal courses: nullify on the first two, halve on their opposites.
-
-    The remaining B and C are x and -y, MM (22), caused by the drift of the water; A, D and E do not change. Each step
-    has course, magnets, pseudo-deviation minus declination before and after, B and C after, and text.
-    """
+    """Simulate the adjustment: nullify on two cardinal courses, halve on their opposites, MM (6) to (34)."""
     letters = dict(zip(LETTERS, (float(k) for k in coefficients), strict=True))
     drift = {"B": -water_deg[0], "C": water_deg[1]}  # in the pseudo-deviation, MM (23) to (26), first order
     opposite, steps = dict(zip("NESW", "SWNE", strict=True)), []

@@ -1,7 +1,6 @@
 """Observation model of a swing: compass, declination, set and drift of the water, delay of the courses.
 
-Velocity over ground minus the drift is the velocity through the water: its direction is the true heading, whatever the
-speed. Where the ship's log gives a speed through the water, it constrains the length of the difference too.
+Velocity over ground minus the drift is that through the water, along the true heading and of the ship's log's speed.
 """
 
 from __future__ import annotations
@@ -70,11 +69,7 @@ class SwingFit:
 
 
 def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -> SwingFit:
-    """Fit the parameters to all blocks by Gauss-Newton.
-
-    The scatter of the first block is added in quadrature to the known ``sigma`` of others. Parameters have the prior
-    ``mean`` and ``sigma``, (k,), the latter infinite for a parameter without a prior.
-    """
+    """Fit the parameters to all blocks by Gauss-Newton, with a prior mean and (in)finite sigma of each, (k,)."""
     parameters, noises = start.astype(float), dict[str, SwingNoise]()
     for _ in range(4):
         before, noises = noises, {}
@@ -147,10 +142,7 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Swing:
-    """Observations of a swing with the known inputs of the model, and their observation equations.
-
-    An equation maps the parameters to residuals (n,) and their derivatives (n, k).
-    """
+    """Observations of a swing, inputs, and equations: parameters to residuals (n,) and their derivatives (n, k)."""
 
     observed: Observations
     options: SwingOptions
@@ -237,10 +229,9 @@ class Swing:
     def _drift_angle(self, parameters: Floats, facing_deg: Floats, by_compass: Floats) -> tuple[Floats, Floats]:
         """Compute the drift angle of the courses, (n,) degrees, and its derivatives by the parameters, (n, k).
 
-        Linearised at the fitted B and C, which absorb part of the drift, it includes the second-order effect of the
-        drift on A, D and E (MM (37), (43)). Only varying speeds may separate the drift from B and C. At a constant
-        speed, the drift angle differs from a deviation only in higher harmonics of the heading; since compasses may
-        have these too, they are projected out of the derivatives.
+        Linearised at B and C, which absorb part of the drift, it includes the second order on A, D and E (MM (37),
+        (43)). Harmonics beyond the five terms, which compasses may have, are projected out: only speeds separate the
+        drift.
         """
         (sine, cosine), (east, north) = angles.sin_cos(facing_deg), self.drift(parameters)
         # Noise of speeds, and of the compass through the heading, would look like varying speeds: both are smoothed.
@@ -311,10 +302,7 @@ def fit_swing(swing: Swing, start: Floats | None = None) -> SwingFit:
 
 
 def prior_widths(swing: Swing) -> Floats:
-    """Compute the prior standard deviation of each parameter, infinite for the compass coefficients.
-
-    A drift distributed uniformly over a disc has half of the disc's radius as standard deviation along either axis.
-    """
+    """Compute the prior standard deviation of each parameter, infinite for the compass coefficients."""
     fixed_sigma = 1e-9  # of a parameter that cannot be determined
     observed, sigma = swing.observed, np.full(SIZE, fixed_sigma)
     sigma[SERIES] = np.inf

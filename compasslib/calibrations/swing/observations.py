@@ -111,7 +111,6 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Observatio
     if not known.timed:
         return known
     known = take(known, np.argsort(known.time_s, kind="stable"))
-    known = known.keep(~isolated_readings(known.time_s, known.recorded_deg), "unlike the readings before and after")
     steps = angles.difference(known.recorded_deg[1:], known.recorded_deg[:-1])
     turned = np.cumsum(np.append(known.recorded_deg[:1], steps))
     # Rate of turn over the seconds before each sample, interpolated where these are too few.
@@ -158,27 +157,11 @@ def _read_tables(files: Sequence[str | Path], settings: Mapping[str, Any]) -> tu
     return wrapped, {"warnings": notes}
 
 
-def isolated_readings(time_s: Floats, recorded_deg: Floats) -> Bools:
-    """Flag readings of a dense log that agree, within 40 degrees, with less than half of their three neighbours a side.
-
-    Such readings are dropouts logged as 0.
-    """
-    n, agree, near = len(time_s), np.zeros(len(time_s)), np.zeros(len(time_s))
-    for k in range(1, min(3, n - 1) + 1):
-        close = time_s[k:] - time_s[:-k] <= TURN_WINDOW_S / 2.0
-        alike = close & (np.abs(angles.difference(recorded_deg[k:], recorded_deg[:-k])) <= 40.0)
-        for part in (slice(k, n), slice(0, n - k)):
-            near[part] += close
-            agree[part] += alike
-    return (near > 3) & (agree < near / 2.0)
-
-
 def _with_delay(known: Observations, turned_deg: Floats, max_lag_s: float) -> Observations:
     """Pair each course of a log of at least eight minutes with a delayed reading, if that reduces the misfit by 30 %.
 
-    Turns, which reveal a delay, then need not be excluded. The misfit is the mean absolute 20 s average of residuals
-    about a series in the recorded heading: it is robust to outliers, the series absorbs a steady drift to first order,
-    and averaging the noise by filtering the readings brings no advantage. ``turned_deg`` are unwrapped readings, (n,).
+    The misfit is the mean absolute 20 s average of residuals about a series in the recorded heading: it is robust to
+    outliers, and the series absorbs a steady drift to first order. Turns, which reveal a delay, need not be excluded.
     """
     time_s = known.time_s
     if len(known) < 2 or np.ptp(time_s) < 480.0 or np.median(np.diff(time_s)) > APART_S:
@@ -230,12 +213,10 @@ def moving_average(values: Floats, time_s: Floats, window_s: float) -> Floats:
 
 
 def rate_and_heading(time_s: Floats, turned_deg: Floats, slow: Bools) -> tuple[Floats, Floats]:
-    """Compute the rate of turn, a slope over one minute, and headings averaged over 20 s, (n,) each.
+    """Compute the rate of turn, a slope over one minute, and headings averaged over 20 s, (n,) each, of unwrapped ones.
 
-    In runs shorter than 20 s, the rate is the difference over a minute and the heading is the reading; near the ends of
-    others, the rate is that of the nearest full minute. Differences of readings would share the compass noise with the
-    deviation, which would look like a delay; effects of water and compass coincide only at the same headings.
-    ``turned_deg`` are unwrapped readings, ``slow`` is the mask of samples outside fast turns, (n,) each.
+    In runs shorter than 20 s, they are the difference over a minute and the reading. Differences of readings would
+    share the compass noise with the deviation, which would look like a delay.
     """
     apart = (np.diff(time_s) > APART_S) | (np.diff(slow.astype(int)) != 0)
     ends = np.clip(np.stack([time_s - STEADY_S / 2.0, time_s + STEADY_S / 2.0]), time_s[0], time_s[-1])

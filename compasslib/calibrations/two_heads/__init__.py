@@ -1,10 +1,7 @@
 """Two profilers on one rigid frame: compares b's recorded heading with that simulated from a's by a rigid rotation.
 
-Clocks are aligned first, then the frame is fitted to the tilts: the downward vectors in the bodies of b and a are
-related by a constant rotation (Procrustes' method; Kabsch, Acta Cryst. A32, 922, 1976; body axes as in section 8 of the
-physics page). The difference of the headings is a series in b's recorded heading with as many of Smith's terms as the
-headings determine (von Appen 2015, eq. 1; Moncunill Marimón et al. 2023, eq. 1); its covariance is a jackknife over
-blocks, as the errors are autocorrelated.
+The frame is fitted to the downward vectors by Procrustes' method (Kabsch, Acta Cryst. A32, 922, 1976), the difference
+of the headings is a series in b's heading with as many of Smith's terms as the headings determine.
 """
 
 from __future__ import annotations
@@ -127,17 +124,9 @@ def calibrate_pairs(pairs: PairedHeads, clock: ClockDifference, warnings: tuple[
             "offset_deg": offset,
             "offset_sigma_deg": float(np.sqrt(series.covariance[0, 0])),
             "clock": clock.to_json(),
-            "frame": {
-                "verdict": frame.verdict,
-                "text": frame.text,
-                "residual_rms_deg": frame.rms_deg,
-                "rotation": frame.rotation.tolist(),
-            },
-            "terms": series.terms,
-            "refused": series.refused,
+            "frame": vars(frame) | {"rotation": frame.rotation.tolist()},
+            **{name: getattr(series, name) for name in ("terms", "refused", "n_effective", "stretches")},
             "covered": stretches_deg(series.covered),
-            "n_effective": series.n_effective,
-            "stretches": series.stretches,
             "spikes": int(np.sum(~used)),
             "cannot_tell": list(AMBIGUITY),
         },
@@ -146,11 +135,7 @@ def calibrate_pairs(pairs: PairedHeads, clock: ClockDifference, warnings: tuple[
 
 
 def read_heads(files: Sequence[str | Path], settings: Mapping[str, Any]) -> list[Record]:
-    """Read the records of head a and head b.
-
-    Raises:
-        InputError: there are not two files, or one cannot be read.
-    """
+    """Read the records of head a and head b."""
     if len(files) != 2:
         expected, advice = "two files, of head a and head b", "write file: [a.000, b.000]"
         raise InputError("file", expected=expected, found=f"{len(files)}", advice=advice)
@@ -180,7 +165,7 @@ def _sources(
         Source("structure", series.structure_deg, "rms by sectors of 10° of what the series leaves, beyond noise"),
         Source("one reading", scatter_deg, "scatter of single differences, both compasses"),
         Source("clocks", by_clock, "standard uncertainty of the offset times the mean rate of turn"),
-        Source("tilts", lever * frame.rms_deg, "what is left of the tilts, times the tangent of the tilt"),
+        Source("tilts", lever * frame.residual_rms_deg, "what is left of the tilts, times the tangent of the tilt"),
         Source("resolution", 0.01 / np.sqrt(12.0), "PD0 headings count hundredths of a degree: uniform"),
     )
 
@@ -209,16 +194,13 @@ class Frame:
     """Mounting of b relative to a."""
 
     rotation: Floats  # (3, 3) from a's body to b's
-    rms_deg: float  # of the angle between the downward vectors of b and of a after the rotation
+    residual_rms_deg: float  # of the angle between the downward vectors of b and of a after the rotation
     verdict: str  # rigid | doubtful | not rigid | mirrored | not testable
     text: str
 
 
 def fit_frame(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
-    """Fit the constant rotation that best maps a's tilts to b's, and test whether both are on one rigid frame.
-
-    Two inclinometers differ by up to 0.5 degrees rms according to their makers; 1.5 exceed any two on one frame.
-    """
+    """Fit the constant rotation that best maps a's tilts to b's, and test whether both are on one rigid frame."""
     left, _, right = np.linalg.svd(down(lean_b).T @ down(lean_a))
     rotation = np.asarray(left * [1.0, 1.0, np.sign(np.linalg.det(left @ right))] @ right)
     chord = np.linalg.norm(down(lean_a) @ rotation.T - down(lean_b), axis=1)
@@ -280,11 +262,7 @@ def upright(offset_deg: float, lean_a: Complexes, lean_b: Complexes) -> Floats:
 
 
 def turned_heading(heading_a_deg: Floats, lean_a: Complexes, rotation: Floats) -> Floats:
-    """Compute b's heading from a's heading and tilts and the rotation between them, (n,) in [0, 360).
-
-    The forward axis of b in a's body is levelled by a's tilts and referred to north by a's heading. Under tilt this
-    differs from a constant offset in second order: up to half a degree at ten degrees.
-    """
+    """Compute b's heading, (n,), from a's heading and tilts: b's forward axis levelled, and referred to north by a."""
     level = compass.levelling(*motion.tilt_angles(lean_a)) @ rotation[0]
     return angles.wrap360(heading_a_deg + angles.direction(level[:, 1], level[:, 0]))
 
@@ -313,10 +291,7 @@ def fit_difference(
     difference_deg: Floats,
     rate_sigma_deg: Floats,  # change of each difference by one standard deviation of the clock offset, (n,)
 ) -> HeadingDifference:
-    """Fit the largest series that the covered headings determine, without spikes, with its covariance.
-
-    ``difference_deg`` is b's heading simulated from a's minus the recorded one, about a small mean, (n,).
-    """
+    """Fit the largest series that the covered headings determine, without spikes, with its covariance."""
     covered = covered_sectors(recorded_deg)
     inflation = {k: variance_inflation(covered, k) for k in TERM_NAMES}
     terms = next((k for k in TERM_NAMES if inflation[k] <= MAX_INFLATION), 1)

@@ -158,10 +158,7 @@ def pair_samples(a: Motion, b: Motion, clock: ClockDifference) -> PairedHeads:
 
 
 def lean(pitch_deg: Floats, roll_deg: Floats) -> Complexes:
-    """Compute the downward vector in the body, forward + i starboard: the third row of Ry(pitch) Rx(roll).
-
-    Pitch is positive forward up, roll is positive starboard down.
-    """
+    """Compute the downward vector, forward + i starboard, from pitch (forward up) and roll (starboard down)."""
     (sp, cp), (sr, _) = angles.sin_cos(pitch_deg), angles.sin_cos(roll_deg)
     return -sp + 1j * cp * sr
 
@@ -179,10 +176,7 @@ def tilt_angles(lean: Complexes) -> tuple[Floats, Floats]:
 
 
 def estimate_clock_offset(a: Motion, b: Motion, max_offset_s: float) -> ClockDifference:
-    """Estimate the offset of b's clock from a's, with drift; not ``determined`` if the motions are uncorrelated.
-
-    Drifts of less than three standard deviations are reported but not applied.
-    """
+    """Estimate the offset of b's clock from a's, and its drift, which is applied from three standard deviations on."""
     needed = max(0.3, 5.0 / np.sqrt(min(len(a.time_s), len(b.time_s))))
     lag, correlations = _lattice_peak(a, b, max_offset_s)
     middle, pairs = b.middle_s, list(zip(a.rates, b.rates, strict=True))
@@ -230,10 +224,7 @@ def _weighted_mean(solutions: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, 
 
 
 def _lattice_peak(a: Motion, b: Motion, max_offset_s: float) -> tuple[float, tuple[float, float]]:
-    """Find the lag at which the rates of tilts and headings correlate best, and both correlations there.
-
-    If the tilts alone correlate clearly better at another lag, that lag is used, because a compass may be delayed.
-    """
+    """Find the lag at which the rates of tilts, or of tilts and headings, correlate best, and both correlations."""
     lattice = min(step(a.time_s), step(b.time_s))
     end = max(a.time_s[-1], b.time_s[-1])
     grid = np.arange(min(a.time_s[0], b.time_s[0]), end + lattice, lattice)

@@ -22,11 +22,7 @@ DISABLED = "the search for unmodelled effects is switched off: diagnose: {enable
 def diagnose(
     kind: str, files: Sequence[str | Path], settings: Mapping[str, Any], options: Options | None = None
 ) -> Diagnosis:
-    """Diagnose a calibration's recording, raw files in the order of the YAML file; None of options: it is switched off.
-
-    Raises:
-        InputError: a file that cannot be read.
-    """
+    """Diagnose a calibration's recording, files in the order of the YAML file; without options it is switched off."""
     from compasslib import earthfield
     from compasslib.inference import diagnosis
 

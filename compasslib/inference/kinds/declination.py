@@ -1,8 +1,7 @@
 """Diagnose an observatory's declination against a model of the earth's field plus a constant.
 
-Jumps of the baseline are changes of the daily level, in records of some days a change of level whose residual contains
-no storm; a trend is that of medians over rotations of the sun. Storms are three-hour windows of the residual from slow
-level and quiet-day curve. Up to a limit the constant is plausible as the crustal field.
+Jumps are changes of the daily level, a trend that of medians over rotations of the sun, storms three-hour windows of
+what level and quiet-day curve leave.
 """
 
 from __future__ import annotations
@@ -60,12 +59,7 @@ class Jump:
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options | None = None) -> Diagnosis:
-    """Diagnose an observatory's declination, of IAGA-2002 files, against a field model plus a constant.
-
-    Raises:
-        InputError: a file cannot be read, the place is not known, a date lies outside the model, or the field is not
-            that of the place.
-    """
+    """Diagnose an observatory's declination, of IAGA-2002 files, against a field model plus a constant."""
     series = iaga2002.read(files)
     if why := observatory.too_short_reason(series):
         return diagnosis.insufficient(why)
@@ -136,11 +130,7 @@ def _curve(compared: FieldComparison, steady: FieldSeries, series: FieldSeries) 
 
 
 def find_jumps(compared: FieldComparison, limit_deg: float) -> tuple[list[Jump], str]:
-    """Find jumps of the baseline, and explain where they cannot be found.
-
-    The median change from five days to the next five is subtracted first: a trend is no jump. Neither is a change over
-    a gap. In shorter records the residual from two levels must be calm, lest the change be a storm.
-    """
+    """Find jumps of the baseline beyond the trend, not over gaps, and explain where they cannot be found."""
     off, time_s, step_s = compared.residual_deg - compared.quiet_deg, compared.time_s, compared.step_s
     days, begins = np.unique(np.floor(time_s / DAY_S), return_index=True)
     if len(days) < 4 * LEVELS:
@@ -285,11 +275,7 @@ def _daily_finding(compared: FieldComparison) -> Finding | None:
 
 
 def _storm_findings(compared: FieldComparison, series: FieldSeries) -> list[Finding]:
-    """Describe the largest storms.
-
-    Each is scored by its own course on held-out stretches, interpolated between their neighbours: this predicts no
-    other day or place, but shows that the disturbance is continuous in time and not noise.
-    """
+    """Describe the largest storms, each scored by interpolation between held-out stretches: it is no noise."""
     calm, more = compared.disturbed_deg[~compared.stormy], max(len(compared.storms) - MOST_STORMS, 0)
     noise_deg = angles.rms(calm) if calm.size else float("nan")
     result = []
@@ -335,12 +321,7 @@ def _finding(
     place: CovariateRange | None = None,
     **described: Any,
 ) -> Finding:
-    """Build a finding, scored by its prediction of held-out stretches, that shows along time unless a place is given.
-
-    Args:
-        predict: function of the samples of ``off_deg`` that are known, which predicts all, (n,) degrees.
-        unit_s: length of the stretches; by default days, hours of a record of few days.
-    """
+    """Build a finding, scored by its prediction of held-out stretches, shown along time unless a place is given."""
     time_s = compared.time_s if time_s is None else time_s
     unit_s = unit_s or (DAY_S if np.ptp(time_s) > finding.FOLDS * DAY_S else HOUR_S)
     fold, left = blocks_by_span(time_s, unit_s) % finding.FOLDS, np.array(off_deg)

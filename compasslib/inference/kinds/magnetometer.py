@@ -1,8 +1,7 @@
 """Diagnose a magnetometer's log against an iron-free, level compass.
 
-Two comparisons are made. The logged heading against that of the raw axes shows the processing in between: levelling,
-iron correction, a lag, a turned mount. The modulus of the axes against a constant shows iron, whatever heading was
-logged; its relative change, taken as radians, is the size of the heading error by iron.
+The logged heading against that of the raw axes shows the processing in between; the modulus of the axes shows iron: its
+relative change, taken as radians, is the size of the heading error.
 """
 
 from __future__ import annotations
@@ -22,18 +21,9 @@ from compasslib.calibrations.magnetometer import ellipsoid
 from compasslib.calibrations.magnetometer import log as magnetometer_log
 from compasslib.calibrations.magnetometer.ellipsoid import ModelChoice
 from compasslib.calibrations.magnetometer.log import Log
+from compasslib.effects import iron
 from compasslib.effects.effect import Effect, Scene, turning_scene
-from compasslib.effects.iron import (
-    HardIron,
-    HardIronStep,
-    HardIronTrend,
-    Heeling,
-    LevelHardIron,
-    LevelSoftIron,
-    SoftIronInSpace,
-    TemperatureOfField,
-    TemperatureOfReading,
-)
+from compasslib.effects.iron import HardIron, LevelHardIron, LevelSoftIron
 from compasslib.effects.readout import CompassDelay, HeadingSlip, MountingOffset, ReadingLevelled
 from compasslib.inference import covariates as covariate_series
 from compasslib.inference import diagnosis, short_search
@@ -85,10 +75,7 @@ def diagnose_log(log: Log, *, field: Mapping[str, float] | None, options: Option
 
 
 def _axes(log: Log, choice: ModelChoice | str) -> tuple[Floats, str]:
-    """Orient the axes by the logged heading, or explain why it does not follow them.
-
-    Since the logged heading may be corrected for strong iron, axes with the iron removed are tried as well.
-    """
+    """Orient the axes, with or without their iron, by the logged heading, or explain why it does not follow them."""
     if log.heading_deg is None:
         return np.eye(3), "no heading was logged to hold that of the axes against"
     if angles.rms(angles.difference(log.heading_deg, float(angles.mean(log.heading_deg)))) < FEWEST_TURN_DEG:
@@ -112,7 +99,7 @@ def _compare_heading(log: Log, axes: Floats, field: Mapping[str, float] | None) 
     if log.tilted:  # otherwise an unlogged tilt may have any form along the heading
         terms = (ReadingLevelled, HardIron, MountingOffset, LevelSoftIron, *READOUT)
     terms += (CompassDelay,) if clocked else ()
-    terms += (TemperatureOfReading,) if _warmed(log) else ()
+    terms += (iron.TemperatureOfReading,) if _warmed(log) else ()
     confused = {"hard_iron": ("tilt_offset",)}  # constant in the body, near level
     if not log.tilted:
         confused = {term.name: ("tilt_uncompensated",) for term in terms if term is not CompassDelay}
@@ -140,16 +127,16 @@ def _compare_modulus(log: Log, axes: Floats, choice: ModelChoice, field: Mapping
     body = log.raw @ axes.T
     working, unit = _scale_to_field(body, choice.scale, log, field, level=level)
     scene, covariates, samples, clocked = _conditions(log, body)
-    terms: tuple[type[Effect], ...] = (LevelHardIron, LevelSoftIron) if level else (HardIron, SoftIronInSpace)
-    terms += (HardIronStep, HardIronTrend)
-    terms += (TemperatureOfField,) if _warmed(log) else ()
+    terms: tuple[type[Effect], ...] = (LevelHardIron, LevelSoftIron) if level else (HardIron, iron.SoftIronInSpace)
+    terms += (iron.HardIronStep, iron.HardIronTrend)
+    terms += (iron.TemperatureOfField,) if _warmed(log) else ()
     strength = _strength(field, level)
     down: Floats = np.zeros((len(working), 3))
     wobble: Floats = np.zeros((len(working), 0))
     if level:
         down = log.levelling()[:, 2, :]
     if level and log.tilted:
-        terms += (Heeling,)
+        terms += (iron.Heeling,)
         wobble = _tilt_wobble(log, working, down, strength)
     return ShortComparison(
         what=f"the modulus of the {'horizontal ' if level else ''}axes against a constant",
@@ -167,10 +154,7 @@ def _compare_modulus(log: Log, axes: Floats, choice: ModelChoice, field: Mapping
 
 
 def _tilted_instead(log: Log, choice: ModelChoice, body: Floats, field: Mapping[str, float] | None) -> tuple[str, ...]:
-    """Offer a mean tilt in the vertical field as an alternative to iron where no tilt was logged.
-
-    An unknown vertical field may have any strength.
-    """
+    """Offer a mean tilt in the vertical field, of any strength, as an alternative to iron where no tilt was logged."""
     if not choice.level or log.tilted:
         return ()
     vertical = abs(float(body[:, 2].mean())) if log.has_z else 0.0
@@ -253,10 +237,7 @@ def _warmed(log: Log) -> bool:
 
 
 def _tilt_wobble(log: Log, field_nT: Floats, down: Floats, strength_nT: float) -> Floats:
-    """Compute the change of the modulus by the fast part of each tilt, (n, 2) degrees.
-
-    Waves and handling accelerate the tilt sensor, and its spurious tilt also enters the modulus.
-    """
+    """Compute the change of the modulus by the fast part of each tilt, (n, 2) degrees: accelerations by waves."""
     assert log.pitch_deg is not None and log.roll_deg is not None
     tilts = np.array([log.pitch_deg, log.roll_deg])
     fast = tilts - uniform_filter1d(tilts, WOBBLE_SAMPLES)

@@ -1,8 +1,7 @@
 """Diagnose a mooring's overlap: compare and correct the clocks, then search for unmodelled effects.
 
-The clocks are compared by the current speeds of both instruments, which are independent of the compass, in about
-sixteen windows, whose scatter shows the uncertainty. Water that arrives later at one depth has the same signature, of
-0.2 h where no clock was wrong. If the small-angle series is configured, the exact compass is compared with it.
+The clocks are compared by the speeds of both instruments, which are independent of the compass, in about sixteen
+windows. If the small-angle series is configured, the exact compass is compared with it.
 """
 
 from __future__ import annotations
@@ -24,14 +23,7 @@ from compasslib.effects.readout import LargeDeviation
 from compasslib.effects.reference import ClockDrift, ClockOffset, VeerWithDirection
 from compasslib.inference import comparison, diagnosis, finding, long_record
 from compasslib.inference import product as products
-from compasslib.inference.comparison import (
-    FEWEST_PAIRS,
-    SHORTEST_DAYS,
-    Comparison,
-    Options,
-    SharedInformation,
-    compare_pairs,
-)
+from compasslib.inference.comparison import FEWEST_PAIRS, SHORTEST_DAYS, Comparison, Options
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import Finding, Parameter
 from compasslib.records import EarthField, Pairs, take
@@ -131,12 +123,9 @@ class _Estimate(NamedTuple):
 
 
 def _fit(design: Floats, ahead_h: Floats, scatter_h: float) -> tuple[list[_Estimate], float]:
-    """Fit the windows by generalized least squares: each coefficient, and chi squared.
+    """Fit the windows, of a common delay by the water and ``scatter_h`` each: coefficients, and chi squared.
 
-    The variance of the delay is given and that of the windows estimated: degrees of freedom by Welch and Satterthwaite.
-
-    Args:
-        scatter_h: standard deviation of one window; the delay by the water is common to all.
+    The scatter is estimated, the delay's variance given: degrees of freedom by Welch and Satterthwaite.
     """
     from scipy.special import ndtr, stdtr
 
@@ -154,10 +143,7 @@ def _fit(design: Floats, ahead_h: Floats, scatter_h: float) -> tuple[list[_Estim
 
 
 def repair_pairs(pairs: Pairs, clock: ClockError) -> Pairs:
-    """Interpolate the reference to the true times of the affected instrument.
-
-    Time stamps of a clock that is ahead are too late: its samples correspond to earlier ones of the reference.
-    """
+    """Interpolate the reference to the true times of the affected instrument, whose stamps are late if it is ahead."""
     wanted = pairs.time_s - clock.ahead_s(pairs.time_s)
     stamped, first_index = np.unique(pairs.time_s + 60.0 * pairs.separation_minutes, return_index=True)
     after = np.clip(np.searchsorted(stamped, wanted, side="right"), 1, len(stamped) - 1)
@@ -197,16 +183,13 @@ def diagnose(
     *,
     wide: Pairs | None = None,
     units: Mapping[str, str] | None = None,
-    shared: SharedInformation | None = None,
+    shared: comparison.SharedInformation | None = None,
 ) -> Diagnosis:
     """Diagnose a mooring's overlap against its fitted compass.
 
     Args:
-        logged: other series at the times of the pairs, such as ``temperature`` and ``supply_voltage``, (n,) each.
-        fit: the configured fit, whose simulation is diagnosed.
+        logged: other series at the times of the pairs, (n,) each, with their ``units`` if not defined here.
         wide: pairs with a wider depth limit, for comparing the clocks; default ``pairs``.
-        units: units of logged series that this package does not define.
-        shared: information of other records of the same compass on its effects; ``fit`` contains that on coefficients.
     """
     options = options or Options()
     wide = pairs if wide is None else wide
@@ -228,7 +211,9 @@ def diagnose(
         remain = np.isin(pairs.time_s, repaired.time_s)
         logged = {name: column[remain] for name, column in logged.items()}
         pairs, first = repaired, [*first, *of_clock]
-    case = compare_pairs(pairs, logged, exact, field, reference_magnetic=options.reference_magnetic, units=units)
+    case = comparison.compare_pairs(
+        pairs, logged, exact, field, reference_magnetic=options.reference_magnetic, units=units
+    )
     terms, missing = case.terms, case.not_testable
     if of_clock:  # interpolated directions share their noise with the flow direction, on which this term depends
         terms = tuple(kind for kind in terms if kind is not VeerWithDirection)
@@ -290,27 +275,16 @@ def clock_findings(
     ):
         if is_named:
             chances = comparison.equal_chances(term.name, *[other.name] * clock.ambiguous)
-            result.append(
-                comparison.build_finding(
-                    compared,
-                    term,
-                    chances,
-                    {term.fitted()[0]: Parameter(value, sigma, term.units()[0])},
-                    size_deg=size,
-                    proof=proof,
-                    place=compared.where("time", compared.span_s),
-                )
-            )
+            parameters = {term.fitted()[0]: Parameter(value, sigma, term.units()[0])}
+            made = {"size_deg": size, "proof": proof, "place": compared.where("time", compared.span_s)}
+            result.append(comparison.build_finding(compared, term, chances, parameters, **made))
     return result
 
 
 def exact_compass_findings(
     pairs: Pairs, fit: DeviationFit, series: DeviationFit, min_effect_deg: float
 ) -> list[Finding]:
-    """Test whether the exact compass fits where the small-angle series does not.
-
-    Both have five parameters, so the comparison on held-out days needs no penalty for complexity.
-    """
+    """Test whether the exact compass, which has as many parameters, fits where the small-angle series does not."""
     observed = observed_heading(pairs)
     by_exact, by_series = (_heading_by(each, pairs, observed) for each in (fit, series))
     size, lost = angles.rms(angles.difference(by_exact, by_series)), float(np.mean(~np.isfinite(by_series)))
@@ -329,10 +303,7 @@ def exact_compass_findings(
 
 
 def held_out_residual(pairs: Pairs, fit: DeviationFit) -> Floats:
-    """Compute the observed heading minus that of a fit to the other half of the blocks, (n,) degrees.
-
-    Samples without a root get ``finding.NO_ROOT_DEG``, the mean deviation of a random direction.
-    """
+    """Compute the observed heading minus that of a fit to the other half of the blocks, (n,) degrees."""
     block = blocks_by_span(pairs.time_s, finding.HELD_OUT_BLOCK_S)
     observed, left = observed_heading(pairs), np.full(len(pairs), finding.NO_ROOT_DEG)
     for out in (block % 2 == 0, block % 2 == 1):

@@ -1,8 +1,4 @@
-"""Diagnose a bench against the five-term series: large deviation, higher harmonics, changes during the readings.
-
-At fewer than twelve headings the third and fourth harmonics cannot be tested: with them nine coefficients are fitted,
-and the noise needs degrees of freedom as well.
-"""
+"""Diagnose a bench against the five-term series: large deviation, higher harmonics, changes during the readings."""
 
 from __future__ import annotations
 
@@ -60,10 +56,7 @@ def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: 
 def diagnose_readings(
     correct_deg: Floats, recorded_deg: Floats, *, field: Mapping[str, float] | None, options: Options
 ) -> Diagnosis:
-    """Diagnose readings in the order in which they were taken; ``field`` is None where the place is unknown.
-
-    A log with correlated errors of neighbouring readings is refused: they look like changes with time.
-    """
+    """Diagnose readings in the order in which they were taken; ``field`` is None where the place is unknown."""
     shared = decorrelation_length(recorded_deg, correct_deg)
     if shared > 1:
         return diagnosis.insufficient(
@@ -105,10 +98,7 @@ def diagnose_readings(
 
 
 def decorrelation_length(recorded_deg: Floats, correct_deg: Floats) -> int:
-    """Compute the decorrelation length of the errors of a log, in readings; 1 if they are independent.
-
-    Six harmonics of the heading, and the mean of each tenth of the log, are removed first.
-    """
+    """Compute how many readings of a log share their errors, beyond six harmonics and the mean of each tenth of it."""
     n = len(recorded_deg)
     if n < FEWEST_OF_LOG:
         return 1
@@ -124,15 +114,7 @@ def decorrelation_length(recorded_deg: Floats, correct_deg: Floats) -> int:
 def search_curve(
     series: ShortComparison, exact: ShortComparison | None, options: Options, more: tuple[type[Effect], ...] = ()
 ) -> tuple[ShortInference, list[Finding]]:
-    """Search beyond a deviation curve, the exact compass unless the series fits clearly better.
-
-    Args:
-        exact: comparison with the exact compass; None where it does not fit.
-        more: effects that are tested in addition to those of reading and field.
-
-    Returns:
-        The effects, and the finding that the deviation is too large for the series.
-    """
+    """Search beyond a curve, the exact compass unless the series fits clearly better: effects, large deviation."""
     by_series = fit_hypothesis(series, ())
     by_exact = None if exact is None else fit_hypothesis(exact, ())
     clearly = by_series.effective_samples
@@ -190,11 +172,7 @@ class CurveResidual:
         return ForwardModel(base, float(np.mean(self.scene.horizontal_nT)), terms)
 
     def __call__(self, base: Floats, terms: tuple[Effect, ...]) -> Floats:
-        """Compute the error of the simulated correct heading, (n,) degrees.
-
-        For the exact compass it is that of the recorded heading, with the same sign, since a two-valued compass has a
-        reading for every heading, but no heading for some readings.
-        """
+        """Compute the error of the simulated correct heading, (n,) degrees; for the exact compass of the reading."""
         if self.exact:
             recorded = recorded_heading(self._simulation(base, terms), self.scene, self.correct_deg)
             return angles.difference(recorded, self.recorded_deg)

@@ -1,8 +1,7 @@
 """Diagnose a swing against its fitted curve: readings at headings as on a bench, or a log as a time series.
 
-The heading from the course over ground is compared with the compass in averages over 20 s, since neighbouring samples
-are correlated; longer correlation is modelled as ARMA noise, from which the thresholds are drawn. Speeds through the
-water, where logged, are a second comparison, which shows set and drift and is independent of the compass.
+Courses are compared with the compass in averages over 20 s, as neighbouring samples are correlated; longer correlation
+is modelled as ARMA noise. Speeds through the water are a second comparison, which is independent of the compass.
 """
 
 from __future__ import annotations
@@ -22,16 +21,10 @@ from compasslib.calibrations import swing
 from compasslib.calibrations.result import Calibration
 from compasslib.calibrations.swing import observations
 from compasslib.calibrations.swing.observations import Observations
+from compasslib.effects import reference
 from compasslib.effects.effect import Effect, Scene
 from compasslib.effects.forward import COMPASS_STEPS
-from compasslib.effects.reference import (
-    ClocksApart,
-    FilteredCourse,
-    LateCourse,
-    LateReading,
-    SetAndDrift,
-    TidalSetAndDrift,
-)
+from compasslib.effects.reference import LateCourse, SetAndDrift
 from compasslib.inference import comparison, diagnosis, short_search
 from compasslib.inference.comparison import Comparison, Options
 from compasslib.inference.diagnosis import Diagnosis
@@ -56,8 +49,8 @@ LEAST_WATER_KN = 0.5  # least speed at which the impeller of a ship's log turns
 SMOOTHED_S = 30.0  # averaging time of the speed over ground: longer than a swell, shorter than a turn
 LEAST_SEPARABLE = 0.3  # least share of a delay's column outside the span of the fit, below which it is not testable
 
-WATER: tuple[type[Effect], ...] = (SetAndDrift, TidalSetAndDrift)
-DELAYS: tuple[type[Effect], ...] = (FilteredCourse, LateCourse, LateReading)
+WATER: tuple[type[Effect], ...] = (SetAndDrift, reference.TidalSetAndDrift)
+DELAYS: tuple[type[Effect], ...] = (reference.FilteredCourse, LateCourse, reference.LateReading)
 STARTS = {"course_lag": (BEGIN_S,), "compass_lag": (BEGIN_S,), "clock_offset": (-BEGIN_S, BEGIN_S)}
 
 CONFOUNDED = "set and drift of the water cannot be separated from B and C where speeds do not vary"
@@ -236,7 +229,11 @@ def _diagnose_log(track: Track, options: Options, made: Calibration, *, same_clo
             (True, made.exact, COMPASS_STEPS),
         )
     )
-    more = DELAYS + (() if same_clock else (ClocksApart,)) + (WATER if ground is not None and not searched else ())
+    more = (
+        DELAYS
+        + (() if same_clock else (reference.ClocksApart,))
+        + (WATER if ground is not None and not searched else ())
+    )
     named, first = platform.search_curve(series, exact, options, more)
     outcomes = [
         replace(each, findings=tuple(_with_water(item, each.comparison, made) for item in each.findings))
