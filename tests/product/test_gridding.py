@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from compasslib.archive import gridded, netcdf, sites, summary
+from compasslib.archive import gridded, netcdf, sites
 from compasslib.archive.attributes import Site
 from compasslib.errors import InputError
 from compasslib.plots import moorings, timeseries
@@ -412,7 +412,7 @@ def test_section_figures_are_drawn_with_and_without_velocities(written, tmp_path
             with Image.open(tmp_path / f"{name}.png") as image:
                 colours = image.convert("RGB").getcolors(1 << 20)
                 assert image.width == round(width_in * DPI) and (len(colours) > 350) == (name == "some"), draw
-    series = summary.read_depth_series(written[0] / "gridded.nc")
+    series = gridded.read_depth_series(written[0] / "gridded.nc")
     assert series.depth_m["recorded"] == series.depth_m["corrected"] and series.step_s == HOUR_S
     long = np.exp(2j * np.pi * np.arange(40 * 24) / 12.42)
     for name, flows in (("brief", series.velocity), ("long", dict.fromkeys(series.velocity, long))):
