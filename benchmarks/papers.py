@@ -17,9 +17,9 @@ from compasslib.plots.page import (
     SKY,
     VERMILION,
     WIDE_IN,
+    create,
     degrees,
     legend,
-    page,
 )
 
 SYNTHETIC_B_DEG = {0.0: BLACK, 20.0: SKY, 45.0: GREEN, 57.29: PURPLE, 90.0: ORANGE, 135.0: VERMILION}
@@ -28,7 +28,7 @@ SYNTHETIC_B_DEG = {0.0: BLACK, 20.0: SKY, 45.0: GREEN, 57.29: PURPLE, 90.0: ORAN
 def draw_synthetic_curves(path: str | Path) -> None:
     """Draw deviation, recorded heading and lookup table of series with B alone, dashed where they are not inverted."""
     beta = np.linspace(-180.0, 180.0, 721)
-    with page(path, 3.4, width_in=WIDE_IN) as figure:
+    with create(path, 3.4, width_in=WIDE_IN) as figure:
         panels, handles = figure.subplots(1, 3), []
         for b, colour in SYNTHETIC_B_DEG.items():
             coefficients = (0.0, b, 0.0, 0.0, 0.0)
@@ -67,7 +67,7 @@ def draw_angles(path: str | Path) -> None:
         "γ": (recorded, forward, 0.5),
         "α": (forward, current, 0.6),
     }
-    with page(path, 2.7) as figure:
+    with create(path, 2.7) as figure:
         axes = figure.subplots()
         axes.set_axis_off()
         axes.set_aspect("equal")

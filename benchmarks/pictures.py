@@ -61,11 +61,11 @@ def concealed(cruise: Path) -> None:
     """Take the diagnosis of C1 and draw its heading errors, on the axis that all concealed moorings share."""
     from compasslib.archive.files import read_json
     from compasslib.plots.diagnosis import draw_errors, error_reach
-    from compasslib.stages.demonstration import heading_errors, read_headings
+    from compasslib.stages.demonstration import heading_errors
 
     copy(cruise / "results/C1/figures", diagnosis="diagnosis.png")
     truths = {path.stem: read_json(path) for path in sorted((cruise / "concealed").glob("*.json"))}
-    errors = {name: heading_errors(truth, read_headings(cruise / "results" / name)) for name, truth in truths.items()}
+    errors = {name: heading_errors(truth, cruise / "results" / name) for name, truth in truths.items()}
     reach = error_reach([error for each in errors.values() for error in (each.fit_deg, each.corrected_deg)])
     dates, c1 = [cause["date"] for cause in truths["C1"]["planted"]], errors["C1"]
     picture = DOCS / "concealed_errors.png"

@@ -33,7 +33,7 @@ from compasslib.demo.concealed import beyond, signal_to_noise, waves
 from compasslib.effects import driver_of
 from compasslib.inference.comparison import Options
 from compasslib.inference.wording import display_name
-from compasslib.plots.page import BLUE, GREEN, GREY, VERMILION, WIDE_IN, legend, page
+from compasslib.plots.page import BLUE, GREEN, GREY, VERMILION, WIDE_IN, create, legend
 from compasslib.preparation.water import fit_slow_shear
 from compasslib.stages.demonstration import conclude
 from tests.world import pairs as sea
@@ -250,7 +250,7 @@ def draw(made: dict[str, Any], path: Path) -> None:
     """Draw shares with their 95 % intervals against the size, a panel for each kind of water and cause."""
     edges = np.array(made["relative_size"])
     middles = np.sqrt(edges[:-1] * edges[1:])
-    with page(path, 5.6, width_in=WIDE_IN) as figure:
+    with create(path, 5.6, width_in=WIDE_IN) as figure:
         panels = figure.subplots(2, 3, sharex=True, sharey=True)
         for (row, water), (column, kind) in ((w, k) for w in enumerate(WATERS) for k in enumerate(KINDS)):
             axes, bins = panels[row, column], made["curves"][water][kind]

@@ -5,8 +5,6 @@ float64, in arrays of any shapes that broadcast. A horizontal vector as a single
 ``east + i north``.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -7,8 +7,6 @@ u = 1 - iA, p = B - iC, v = D - iE. This is Le Menn et al. 2023, eq. (4), with t
 correct heading as its argument; its first order is von Appen 2015, eq. (1).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -79,11 +77,7 @@ def turns_full_circle(coefficients: ArrayLike) -> bool:
 
 
 def recorded_range(coefficients: ArrayLike) -> tuple[float, float]:
-    """Compute the range of headings that the compass can record, clockwise from the first to the second, degrees.
-
-    Returns:
-        (0, 360) for a compass that turns full circle; else the two folds, of which the second may exceed 360.
-    """
+    """Compute the range of headings that can be recorded, clockwise: (0, 360), or both folds, the second up to 720."""
     if turns_full_circle(coefficients):
         return 0.0, 360.0
     fine = np.arange(0.0, 360.0, 0.05)

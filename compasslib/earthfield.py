@@ -4,8 +4,6 @@ The coefficients are those of IGRF-14 (IAGA, doi:10.5281/zenodo.14012302). The p
 needs pandas, whose import takes fifty times as long as the field of a mooring; a test compares the two.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from functools import cache
@@ -106,11 +104,8 @@ def declination_at(field: EarthField, time_s: ArrayLike) -> Floats:
 
 
 def model_sigma(horizontal_nT: float) -> float:
-    """Compute the standard deviation of a field model's declination, with crust and daily variation, degrees.
-
-    That of WMM2025 (Chulliat et al. 2025, The US/UK World Magnetic Model for 2025-2030, technical report; WMM2020 has
-    5625 nT) is used for IGRF.
-    """
+    """Compute the standard deviation of a field model's declination, with crust and daily variation, degrees."""
+    # That of WMM2025 (Chulliat et al. 2025, The US/UK World Magnetic Model for 2025-2030) is used for IGRF.
     return float(np.hypot(0.26, 5417.0 / horizontal_nT))
 
 
@@ -165,10 +160,7 @@ def _coefficients() -> tuple[Floats, NDArray[np.intp], NDArray[np.intp], Floats]
 
 
 def _legendre(colatitude_deg: float, degrees: int) -> tuple[Floats, Floats]:
-    """Compute Schmidt quasi-normalised Legendre functions and their colatitude derivatives, (degrees + 1,) * 2 each.
-
-    The recursions are those of Langel (in Jacobs, Geomagnetism, vol. 1, 1987, eq. 27).
-    """
+    """Compute Schmidt quasi-normalised Legendre functions and colatitude derivatives (Langel 1987, eq. 27)."""
     s, c = angles.sin_cos(colatitude_deg)
     p, dp = np.zeros((2, degrees + 1, degrees + 1))
     p[0, 0] = 1.0

@@ -1,7 +1,5 @@
 """Exceptions shown to users: location, expected input, found input, and advice."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -4,8 +4,6 @@ A package declares each under ``compasslib.readers`` or ``compasslib.effects`` i
 docs/howto/plugins.md. Before a plug-in is used, only its name and version are read.
 """
 
-from __future__ import annotations
-
 import hashlib
 import traceback
 from collections.abc import Collection, Iterator
@@ -29,11 +27,7 @@ def declared_plugins(group: str) -> tuple[EntryPoint, ...]:
 
 
 def plugin_table(group: str, builtin: Collection[str]) -> Points:
-    """Collect the entries that other packages add to the library's own table, sorted by name.
-
-    Raises:
-        InputError: a name is already used by the library or by another package.
-    """
+    """Collect the entries that other packages add to the library's own table, sorted by name, each used once."""
     table: Points = {}
     owners = dict.fromkeys(builtin, "compasslib")
     for point in declared_plugins(group):

@@ -1,7 +1,5 @@
 """Array types and units of time used throughout the library."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

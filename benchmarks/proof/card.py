@@ -10,7 +10,7 @@ from matplotlib.ticker import FixedLocator, NullLocator
 
 from benchmarks import targets
 from benchmarks.proof import score, tally
-from compasslib.plots.page import BLUE, GREY, WIDE_IN, page
+from compasslib.plots.page import BLUE, GREY, WIDE_IN, create
 
 DEFINITIONS = (
     "No fault: nothing is wrong with the compass; its current may be named. Listed effects stand in the catalogue, "
@@ -132,7 +132,7 @@ def draw_headings(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     title = "True error of the heading, rms, a dot for each mooring\n"
     title += "Below the line the product is better than the fit."
     groups = {"No fault": score.QUIET, "Listed effects": score.KNOWN, "Unlisted effects": ("strange",)}
-    with page(path, 2.9, width_in=WIDE_IN, title=title) as figure:
+    with create(path, 2.9, width_in=WIDE_IN, title=title) as figure:
         panels = figure.subplots(1, len(groups), sharex=True, sharey=True)
         for axes, (what, kinds) in zip(panels, groups.items(), strict=True):
             some = [row for row in rows if row["kind"] in kinds and row["before_deg"] and row["after_deg"]]

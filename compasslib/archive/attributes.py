@@ -3,8 +3,6 @@
 Attributes that describe the file itself are computed; otherwise the user's take precedence. Unknown ones are omitted.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
@@ -90,8 +88,7 @@ def global_attributes(
         depth_m: depths of the measurements, any shape, metres, NaN where unknown.
         headings: numbers of recorded and of corrected headings.
         attributes: the user's, which take precedence except over ``config.values.STATED``, which the file states.
-        processing: ``method``, ``coefficients``, ``software_version``, ``source_files``, ``history``,
-            ``date_created`` and any others that describe how the product was made.
+        processing: how the product was made, as of ``provenance.processing``, possibly in part.
     """
     user, made = plain(attributes), plain(processing)
     named = {"method": "correction_method", "coefficients": "correction_coefficients"}
@@ -124,11 +121,7 @@ def sensor_attributes(attributes: Attributes, looks_up: bool) -> Attributes:
 
 
 def declination_attributes(attributes: Attributes, time_s: Floats, declination_deg: Floats) -> dict[str, object]:
-    """Compose the attributes that describe the declination applied to a variable: model, dates and values.
-
-    Args:
-        attributes: global attributes; ``declination_source`` is used.
-    """
+    """Compose the attributes that describe the declination applied to a variable: model, dates and values."""
     if not len(time_s):
         return {}
     source = str(attributes.get("declination_source", "unknown"))
@@ -189,9 +182,9 @@ def _what(site: Site, time_s: Floats, headings: tuple[int, int], method: str) ->
 
 def _where(site: Site, depth_m: Floats) -> Attributes:
     longitude, known = site.signed_longitude(), depth_m[site.holds_water(depth_m)]
-    ranges: Attributes = {f"geospatial_lat_{end}": site.latitude for end in ("min", "max")}
-    ranges |= {f"geospatial_lon_{end}": longitude for end in ("min", "max")}
-    ranges |= {
+    ranges: Attributes = {
+        **dict.fromkeys(("geospatial_lat_min", "geospatial_lat_max"), site.latitude),
+        **dict.fromkeys(("geospatial_lon_min", "geospatial_lon_max"), longitude),
         "geospatial_lat_units": "degree_north",
         "geospatial_lon_units": "degree_east",
         "geospatial_bounds": f"POINT ({site.latitude:g} {longitude:g})",

@@ -1,7 +1,5 @@
 """Input and output of a calibration's three files: calibration.json, the deviation table and the underlying points."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -6,8 +6,6 @@ Each job of the workflow writes a record (``pipeline.job``), which becomes an ac
 Reading the manifest raises InputError where there is none, it is not a manifest, or it lists no file.
 """
 
-from __future__ import annotations
-
 import json
 import platform
 import re
@@ -51,11 +49,7 @@ def job_name(record: Path) -> str:
 
 
 def read_jobs(paths: Iterable[str | Path]) -> dict[str, Record]:
-    """Read the records of jobs, without concealed files, by the names of their actions.
-
-    Raises:
-        InputError: a record cannot be read, or a job read another file than the one that its job wrote.
-    """
+    """Read the records of jobs by the names of their actions; refuse a file read that is not as its job wrote it."""
     jobs: dict[str, Record] = {}
     for path in sorted(map(Path, paths)):
         record = read_json(path)
@@ -290,12 +284,7 @@ def clear(root: Path, files: Iterable[str]) -> None:
 
 
 def differences(root: Path, configured: Collection[str] | None) -> list[Difference]:
-    """List differences from the manifest, by file, and results no longer configured, by folder.
-
-    Args:
-        root: folder of the cruise, which is only read.
-        configured: as for ``unlisted_files``.
-    """
+    """List differences from the manifest, by file, and results no longer configured, by folder."""
     differ = list[Difference]()
     for file, known in listed(read_manifest(root)).items():
         if not (root / file).is_file():

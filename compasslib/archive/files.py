@@ -4,8 +4,6 @@ Reading raises InputError where a file is missing, damaged or of another kind, a
 there are no data; writing raises TransientError where a file cannot be written.
 """
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import csv
@@ -13,7 +11,7 @@ import io
 import json
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -37,10 +35,7 @@ CACHE_BYTES = 4 * 2**20  # chunk cache of each variable; the library's default o
 
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary path in the same folder, which replaces the file once the block has succeeded.
-
-    The folder is created if it is missing. If the block fails, an older file is unchanged.
-    """
+    """Yield a temporary path in the same folder, which replaces the file once the block has succeeded."""
     path = Path(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}{HALF_WRITTEN}")
     try:
@@ -275,10 +270,7 @@ Picture = tuple[str, tuple[int, int]]  # data URI; width and height, pixels
 
 
 def embed_png(path: str | Path) -> Picture:
-    """Encode a PNG as a data URI with a reduced palette, reproducibly, and return it with its size.
-
-    It has two thirds of the pixels, 200 of the 300 dots per inch of a figure, still twice what a screen shows.
-    """
+    """Encode a PNG as a data URI with a reduced palette, reproducibly, and return it with its size."""
     from PIL import Image
 
     try:
@@ -286,17 +278,13 @@ def embed_png(path: str | Path) -> Picture:
             whole = image.convert("RGB")
     except (OSError, SyntaxError, ValueError) as error:
         raise _damaged(path, "a whole PNG", error) from error
+    # 200 of the 300 dots per inch of a figure are still twice what a screen shows.
     reduced = whole.resize((2 * whole.width // 3, 2 * whole.height // 3), Image.Resampling.BOX)
     # A palette takes a third of the bytes, without a visible difference.
     reduced = reduced.quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
     buffer = io.BytesIO()
     reduced.save(buffer, "PNG", compress_level=6)
     return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}", reduced.size
-
-
-def write_pictures(path: str | Path, figures: Iterable[str]) -> None:
-    """Write the data URIs of figures by the stems of the figures' file names."""
-    write_json(path, {Path(figure).stem: embed_png(figure) for figure in figures})
 
 
 def read_pictures(folder: Path) -> dict[str, Picture]:

@@ -37,7 +37,7 @@ from compasslib.records import (
     Record,
     import_xarray,
 )
-from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
+from compasslib.types import DAY_S, HOUR_S, Bools, Complexes, Floats
 
 if TYPE_CHECKING:
     import xarray
@@ -49,13 +49,7 @@ USUAL_BEAM_DEG = 20.0  # of a profiler whose files do not state the angle
 def affected_source(
     name: str, path: str | Path, product: CorrectedRecord, record: Record, flags: Sequence[int]
 ) -> Source:
-    """Return an affected instrument as a source of the grid, its velocities read from corrected.nc on demand.
-
-    Args:
-        product: content of the same file, without velocities.
-        record: the instrument's record, for the beam angle and whether its bins were mapped.
-        flags: OceanSITES flags of the velocities to use.
-    """
+    """Return an affected instrument as a source of the grid, its velocities of these flags read from corrected.nc."""
 
     def settle(which: slice, east: Floats, north: Floats, quality: Flags, depth: Floats) -> Velocities:
         return Velocities(np.where(np.isin(quality, flags), east + 1j * north, np.nan), depth, quality)
@@ -68,11 +62,7 @@ def reference_source(
     name: str, path: str | Path, record: Record, field: EarthField, flags: Sequence[int],
     slowed: Sequence[tuple[float, float]] = (),
 ) -> Source:  # fmt: skip
-    """Return a reference as a source of the grid, its velocities read from its record on demand, from true north.
-
-    Args:
-        slowed: begin and end, UTC seconds, of periods in which its rotor was fouled: probably good at best.
-    """
+    """Return a reference as a source of the grid, from true north; in the spans ``slowed`` its rotor was fouled."""
 
     def settle(which: slice, east: Floats, north: Floats, quality: Flags, range_m: Floats) -> Velocities:
         time_s = record.time_s[which]
@@ -119,10 +109,7 @@ class FileDescription:
     also: Mapping[str, object]  # further global attributes, such as the comparison with the reference
 
     def compose(self, kind: str, time_s: Floats, depth_m: Floats) -> tuple[dict[str, Any], dict[str, object]]:
-        """Compose the global attributes of one file, and the attributes of its velocities on the declination.
-
-        Of the texts of this kind of file, the user's take precedence except ``comment``.
-        """
+        """Compose the global attributes of one file, and the attributes of its velocities on the declination."""
         spanned = global_attributes(
             self.site, time_s=time_s, depth_m=depth_m, headings=self.headings, attributes=self.attributes,
             processing=self.processing,
@@ -152,11 +139,7 @@ class FileDescription:
 def write_gridded(
     path: str | Path, product: GriddedProduct, description: FileDescription, daily: Sequence[DailyMeans] = ()
 ) -> dict[str, int]:
-    """Write gridded.nc piece by piece, each of which ``daily`` accumulates.
-
-    Returns:
-        The numbers of all cells, of those with a velocity (``filled``), and of interpolated ones.
-    """
+    """Write gridded.nc by pieces, which ``daily`` accumulates; return the numbers of all, filled and interpolated."""
     axes, counts = product.axes, np.zeros(3, dtype=int)
     instruments, rising = [source.name for source in product.sources], any(source.rising for source in product.sources)
     with create_gridded(
@@ -193,10 +176,7 @@ def create_gridded(
 ) -> Iterator[netCDF4.Dataset]:  # fmt: skip
     """Yield a new file of the form of gridded.nc with attributes, coordinates, heading errors and corrections.
 
-    Args:
-        deviation_deg: (a, t) corrected minus recorded headings of the affected instruments.
-        instruments: names, affected instruments first.
-        memory_s: correlation time of the errors that are not due to the heading.
+    The arguments after ``description`` are those of ``GriddedProduct``; ``instruments`` are the names of its sources.
     """
     attributes, turned = description.compose(kind, axes.time_s, axes.depth_m)
     affected, (sources, modes) = len(errors.random), errors.shares.shape
@@ -280,57 +260,78 @@ OFTEN = 0.9  # share of the fullest depth's times: the mean of a depth reached i
 
 def read_section(path: str | Path, columns: int = 400) -> SectionMeans:
     """Average gridded.nc over at most ``columns`` equal intervals of time, by default as many as a print shows."""
-    with open_netcdf(path) as nc:
-        time_s, depth_m = seconds_since_1970(read_variable(nc, "TIME")), read_variable(nc, "DEPTH")
-        modes, share = (np.nan_to_num(read_variable(nc, f"HEADING_ERROR_{name}")) for name in ("MODE", "SHARE"))
-        names = ("HEADING_ERROR_RANDOM", "HEADING_CORRECTION")
-        random, turned = (np.atleast_2d(read_variable(nc, name)) for name in names)
-        each = -(-max(len(time_s), 1) // columns)
-        count, depths = -(-len(time_s) // each), len(depth_m)
-        number, sums = np.zeros((count, depths)), np.zeros((2, count, depths), dtype=complex)
-        moments = np.zeros((2, 3, depths), dtype=complex)
-        by_mode, trusted = np.zeros((len(modes), depths), dtype=complex), np.zeros(depths)
-        for k in range(count):
-            rows = slice(k * each, (k + 1) * each)
-            east, north, source = (read_variable(nc, name, rows) for name in ("UCUR", "VCUR", "SOURCE"))
-            there, reference = source > 0, source > len(turned)
-            flow = np.where(there, east + 1j * north, 0.0)
-            times = np.arange(rows.start, rows.start + len(flow))[:, None]
-            angle = np.where(reference, 0.0, np.nan_to_num(turned[np.clip(source, 1, len(turned)) - 1, times]))
-            east, north = angles.turn(flow.real, flow.imag, -angle)
-            number[k], trusted = there.sum(axis=0), trusted + reference.sum(axis=0)
-            for velocity, total, moment in zip((east + 1j * north, flow), sums, moments, strict=True):
-                total[k] = velocity.sum(axis=0)
-                moment += [total[k], (np.abs(velocity) ** 2).sum(axis=0), (velocity**2).sum(axis=0)]
-            by_mode += np.einsum("tz,kt,tzk->kz", flow, modes[:, rows], share[np.maximum(source - 1, 0)])
-    total = number.sum(axis=0)
-    safe = np.where((total > 0) & (total >= OFTEN * total.max(initial=0.0)), total, np.nan)
-    sigma2 = share[0] ** 2 @ modes**2 + random[0] ** 2
-    known = [span[np.isfinite(span)] for span in (sigma2[k * each : (k + 1) * each] for k in range(count))]
+    grid = open_gridded(path)
+    time_s, there, errors = grid.time_s, grid.source >= 0, grid.errors
+    each = -(-max(len(time_s), 1) // columns)
+    begins = np.arange(0, len(time_s), each)
+    flows = np.where(there, [grid.recorded, grid.velocity], 0.0)
+    number, total = np.add.reduceat(there.astype(float), begins, axis=0), there.sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        before, after = np.where(number > 0, sums / number, complex(np.nan, np.nan))
-    step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else DAY_S
+        before, after = np.where(number > 0, np.add.reduceat(flows, begins, axis=1) / number, GAP)
+    safe = np.where((total > 0) & (total >= OFTEN * total.max(initial=0)), total, np.nan)
+    modes = np.nan_to_num(errors.modes)
+    of_source = [np.where(grid.source == s, flows[1], 0.0) for s in range(len(errors.shares))]
+    by_mode = sum((share[:, None] * modes) @ flow for share, flow in zip(errors.shares, of_source, strict=True))
+    variance = errors.variance(0)
+    known = [span[np.isfinite(span)] for span in (variance[begin : begin + each] for begin in begins)]
+    step_s = grid.step_s if len(time_s) > 1 else DAY_S
     first = time_s[0] - step_s / 2.0 if len(time_s) else 0.0
     return SectionMeans(
-        edges_s=first + step_s * each * np.arange(count + 1),
-        depth_m=depth_m,
+        edges_s=first + step_s * each * np.arange(len(begins) + 1),
+        depth_m=grid.depth_m,
         before=before,
         after=after,
         heading_sigma_deg=np.array([np.sqrt(x.mean()) if x.size else np.nan for x in known]) / angles.DEGREE,
-        profiles=(_mean_profile(moments[0], safe), _mean_profile(moments[1], safe)),
-        profile_sigma=(
-            np.sqrt(np.sum(by_mode.imag**2, axis=0)) / safe,
-            np.sqrt(np.sum(by_mode.real**2, axis=0)) / safe,
-        ),
-        reference_share=trusted / np.where(total > 0, total, np.nan),
+        profiles=(_mean_profile(flows[0], safe), _mean_profile(flows[1], safe)),
+        profile_sigma=(np.linalg.norm(by_mode.imag, axis=0) / safe, np.linalg.norm(by_mode.real, axis=0) / safe),
+        reference_share=np.sum(there & ~grid.affected, axis=0) / np.where(total > 0, total, np.nan),
     )
 
 
-def _mean_profile(moments: Complexes, number: Floats) -> MeanProfile:
+def _mean_profile(flow: Complexes, number: Floats) -> MeanProfile:
     with np.errstate(invalid="ignore"):
-        total, square, pseudo = moments / number
-        power, twice = square.real - np.abs(total) ** 2, pseudo - total**2
-    return MeanProfile(total, (power + twice.real) / 2.0, (power - twice.real) / 2.0, twice.imag / 2.0)
+        mean, square, pseudo = (np.sum(x, axis=0) / number for x in (flow, np.abs(flow) ** 2, flow**2))
+    power, twice = square - np.abs(mean) ** 2, pseudo - mean**2
+    return MeanProfile(mean, (power + twice.real) / 2.0, (power - twice.real) / 2.0, twice.imag / 2.0)
+
+
+USUAL, UNBROKEN_DAYS = 0.9, 15.0
+GAP = complex(np.nan, np.nan)
+
+
+@dataclass(frozen=True)
+class DepthSeries:
+    """Gridded currents, each at the depth with most periods of days without a gap."""
+
+    step_s: float
+    latitude: float
+    depth_m: dict[str, float]  # by "recorded", "corrected" and "reference"
+    velocity: dict[str, Complexes]  # (t,) by the same names; NaN where there is none
+
+
+def read_depth_series(path: str | Path) -> DepthSeries:
+    """Read from gridded.nc the currents of the affected instrument, before and after, and of the reference.
+
+    Of the depths with ``USUAL`` as many unbroken periods as any, that with most values is taken, for the reference the
+    one nearest to it.
+    """
+    grid, depths, flows = open_gridded(path), dict[str, float](), dict[str, Complexes]()
+    series = {"corrected": grid.velocity, "recorded": grid.recorded, "reference": grid.velocity}
+    for names, there in (
+        (("corrected", "recorded"), grid.affected), (("reference",), (grid.source >= 0) & ~grid.affected),
+    ):  # fmt: skip
+        missing = np.pad(np.cumsum(~there, axis=0), ((1, 0), (0, 0)))
+        length = min(int(UNBROKEN_DAYS * DAY_S / grid.step_s), len(there))
+        unbroken = np.sum(missing[length:] == missing[: len(missing) - length], axis=0)
+        usual = np.flatnonzero(unbroken >= USUAL * unbroken.max())
+        level = int(usual[np.argmax(there.sum(axis=0)[usual])])
+        if "corrected" in depths:
+            level = int(usual[np.argmin(np.abs(grid.depth_m[usual] - depths["corrected"]))])
+        for name in names if there[:, level].any() else ():
+            depths[name] = float(grid.depth_m[level])
+            flows[name] = np.where(there[:, level], series[name][:, level], GAP)
+    with open_netcdf(path) as nc:
+        return DepthSeries(grid.step_s, float(nc["LATITUDE"][...]), depths, flows)
 
 
 @dataclass(frozen=True)
@@ -348,7 +349,26 @@ class GriddedCurrents(Labelled):
     instruments: tuple[str, ...]  #: names, affected instruments first
     errors: HeadingErrors  #: heading errors, which are correlated between cells and times
     memory_s: float  #: s, e-folding time of the errors that do not come from a heading
+    correction_deg: Floats  #: (a, t) corrected minus recorded heading of each affected instrument
     path: str = ""  #: the file that they were read from
+
+    @property
+    def step_s(self) -> float:
+        """Time step, s; an hour where there are no two times."""
+        return float(np.median(np.diff(self.time_s))) if len(self.time_s) > 1 else HOUR_S
+
+    @property
+    def affected(self) -> Bools:
+        """Whether a velocity is that of an affected instrument, (t, z)."""
+        return (self.source >= 0) & (self.source < len(self.correction_deg))
+
+    @property
+    def recorded(self) -> Complexes:
+        """Velocities, (t, z) m/s, those of affected instruments by the recorded heading."""
+        instrument, time = np.where(self.affected, self.source, 0), np.arange(len(self.time_s))[:, None]
+        angle = np.where(self.affected, np.nan_to_num(self.correction_deg)[instrument, time], 0.0)
+        east, north = angles.turn(self.velocity.real, self.velocity.imag, -angle)
+        return east + 1j * north
 
     def sum_cells(self, east: ArrayLike, north: ArrayLike) -> tuple[float, float]:
         """Compute a weighted sum of the velocities, such as a transport or a mean, and its standard deviation.
@@ -360,8 +380,7 @@ class GriddedCurrents(Labelled):
         flow, remainder, source = self._terms
         there = np.asarray(source >= 0)
         east, north = (np.where(there, np.broadcast_to(np.asarray(w, float), there.shape), 0.0) for w in (east, north))
-        step_s = float(np.median(np.diff(self.time_s))) if len(self.time_s) > 1 else HOUR_S
-        sigma = sum_sigma(east, north, flow, remainder, source, self.errors, step_s, memory_s=self.memory_s)
+        sigma = sum_sigma(east, north, flow, remainder, source, self.errors, self.step_s, memory_s=self.memory_s)
         return float(np.sum(east * flow.real + north * flow.imag)), sigma
 
     def transport(
@@ -443,5 +462,6 @@ def open_gridded(path: str | Path) -> GriddedCurrents:
             seconds_since_1970(time), depth_m, bounds_m, east + 1j * north,
             east_sigma, north_sigma, np.asarray(nc["UCUR_QC"][:]), np.asarray(nc["SOURCE"][:], dtype=np.intp) - 1,
             tuple(nc["SOURCE"].flag_meanings.split()[1:]), errors,
-            nc["UCUR_UNCERTAINTY"].error_memory_hours * HOUR_S, str(path),
+            nc["UCUR_UNCERTAINTY"].error_memory_hours * HOUR_S,
+            np.atleast_2d(read_variable(nc, "HEADING_CORRECTION")), str(path),
         )  # fmt: skip

@@ -60,10 +60,8 @@ Columns = dict[str, tuple[NDArray[Any], Flags | None]]  # values and flags, by n
 
 
 def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, object] | None = None) -> None:
-    """Write a record for the stages that follow, series in float64, velocities and ranges in float32.
-
-    It is not compressed, because it is read five times; it is still smaller than most raw files.
-    """
+    """Write a record for the stages that follow, series in float64, velocities and ranges in float32."""
+    # Not compressed, as it is read five times; it is still smaller than most raw files.
     with create_netcdf(path) as nc:
         nc.setncatts({"Conventions": "CF-1.11", "title": "record of one instrument"} | plain(attributes or {}))
         nc.createDimension("TIME", len(record.time_s))

@@ -45,10 +45,7 @@ def library() -> str:
 
 @cache  # outside a checkout it hashes all modules
 def software() -> str:
-    """Identify this software by its version and commit, or by the hash of its modules where no commit is known.
-
-    Packages that add readers or effects are appended with their versions.
-    """
+    """Identify this software, with plug-ins, by version and commit, or by the hash of its modules without a commit."""
     status = _git("status", "--porcelain=v2", "--branch", "--", "compasslib", "workflow", "Snakefile")
     lines = (status or "").splitlines()
     commit = "".join(line.split()[2][:12] for line in lines if line.startswith("# branch.oid") and "(" not in line)
@@ -62,11 +59,7 @@ def software() -> str:
 
 
 def date_created() -> str:
-    """Return the time of processing in ISO 8601: SOURCE_DATE_EPOCH, for reproducible output, or else the clock.
-
-    Raises:
-        InputError: SOURCE_DATE_EPOCH is not a number of seconds.
-    """
+    """Return the time of processing in ISO 8601: SOURCE_DATE_EPOCH, for reproducible output, or else the clock."""
     epoch = os.environ.get("SOURCE_DATE_EPOCH")
     try:
         made = datetime.fromtimestamp(int(epoch), UTC) if epoch else datetime.now(UTC)
@@ -149,10 +142,7 @@ def stamp(raw_files: Sequence[str]) -> dict[str, Any]:
 
 
 def changed_settings(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
-    """List the settings of a job, or the keys of a YAML file, that differ, each with both values as JSON.
-
-    The outermost key, a parameter of the rule that no YAML file has, is left out.
-    """
+    """List the settings of a job, or keys of a YAML file, that differ, without the outermost key, with both values."""
     left, right = (dict(_leaves(json.loads(json.dumps(side, default=str)))) for side in (before, after))
     keys = [key for key in dict.fromkeys((*left, *right)) if left.get(key) != right.get(key)]
     was, now = ({key: _short(side[key]) if key in side else "absent" for key in keys} for side in (left, right))

@@ -1,7 +1,5 @@
 """Daily means of the successive deployments of a site, joined to one file of the form of gridded_daily.nc."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -15,45 +13,47 @@ from compasslib import angles
 from compasslib.archive import gridded, provenance
 from compasslib.archive.attributes import Site
 from compasslib.archive.files import open_netcdf, read_variable
-from compasslib.archive.netcdf import Columns, seconds_since_1970
+from compasslib.archive.gridded import GriddedCurrents
+from compasslib.archive.netcdf import Columns
+from compasslib.archive.variables import CELLS
 from compasslib.earthfield import DEGREE_KM
 from compasslib.errors import InputError
 from compasslib.product.cells import Axes
 from compasslib.product.errors import HeadingErrors
 from compasslib.records import MISSING
-from compasslib.types import DAY_S, HOUR_S, Complexes
+from compasslib.types import DAY_S, Complexes, Floats
 
 
-@dataclass
+@dataclass(eq=False)
 class _Deployment:
     """Content of gridded_daily.nc of one deployment, and its place in the joined file."""
 
     name: str
-    values: dict[str, NDArray[Any]]  # by variable
+    grid: GriddedCurrents
+    cells: dict[str, NDArray[Any]]  # (t, z) by variable
+    shrinkage: Floats  # (t,)
     attributes: dict[str, Any]
-    instruments: list[str]  # affected ones first
-    modes: list[str]
-    memory_h: tuple[float, float]  # of the random error of headings, and of other errors
+    latitude: float
+    longitude: float
     number: NDArray[np.intp]  # number in the joined file of each value of SOURCE
-    days: NDArray[np.intp]  # since 1950
+    days: NDArray[np.intp]  # since 1970
     levels: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))  # depths in the joined file
 
     @property
     def affected(self) -> int:
         """Number of affected instruments."""
-        return len(self.values["HEADING_ERROR_RANDOM"])
+        return len(self.grid.errors.random)
 
 
 def _read(name: str, path: str | Path) -> _Deployment:
+    grid = gridded.open_gridded(path)
     with open_netcdf(path) as nc:
-        values = {key: read_variable(nc, key) for key in nc.variables if key != "STATION"}
-        instruments = nc["SOURCE"].flag_meanings.split()[1:]
-        memory_h = float(nc["HEADING_ERROR_RANDOM"].memory_hours), float(nc["UCUR_UNCERTAINTY"].error_memory_hours)
+        cells = {key: read_variable(nc, key) for key in nc.variables if nc[key].dimensions == CELLS}
         attributes = {key: nc.getncattr(key) for key in nc.ncattrs()}
-        modes = nc["HEADING_ERROR_MODE"].mode_names.split(", ")
-    values |= {key: np.atleast_2d(values[key]) for key in ("HEADING_ERROR_RANDOM", "HEADING_CORRECTION")}
-    number, days = np.zeros(len(instruments) + 1, dtype=np.intp), np.floor(values["TIME"]).astype(np.intp)
-    return _Deployment(name, values, attributes, instruments, modes, memory_h, number, days)
+        latitude, longitude = (float(nc[axis][...]) for axis in ("LATITUDE", "LONGITUDE"))
+        number, days = np.zeros(len(grid.instruments) + 1, dtype=np.intp), np.floor(grid.time_s / DAY_S).astype(np.intp)
+        shrinkage = read_variable(nc, "SHRINKAGE")
+    return _Deployment(name, grid, cells, shrinkage, attributes, latitude, longitude, number, days)
 
 
 def join_daily(
@@ -71,26 +71,26 @@ def join_daily(
     Raises:
         InputError: no deployment has any.
     """
-    each = [made for name, file in deployments.items() if (made := _read(name, file)).values["TIME"].size]
+    each = [made for name, file in deployments.items() if (made := _read(name, file)).days.size]
     if not each:
         raise InputError(f"site {site}", "daily means of a deployment", "none", "look at the reports of its moorings")
-    first, top_m = each[0], min(float(d.values["DEPTH"][0]) for d in each)
-    step_m = float(np.ptp(first.values["DEPTH_bnds"][-1]))
+    top_m = min(float(d.grid.depth_m[0]) for d in each)
+    step_m = float(np.ptp(each[0].grid.bounds_m[-1]))
     for d in each:  # the configuration has one axis for all deployments of a site
-        d.levels = np.rint((d.values["DEPTH"] - top_m) / step_m).astype(np.intp)
+        d.levels = np.rint((d.grid.depth_m - top_m) / step_m).astype(np.intp)
     # Affected instruments of all deployments are numbered first.
     order = [(d, k) for d in each for k in range(d.affected)]
-    order += [(d, k) for d in each for k in range(d.affected, len(d.instruments))]
+    order += [(d, k) for d in each for k in range(d.affected, len(d.grid.instruments))]
     for number, (d, k) in enumerate(order, 1):
         d.number[k + 1] = number
     days = np.arange(min(d.days[0] for d in each), max(d.days[-1] for d in each) + 1)
     depth_m = top_m + step_m * np.arange(max(d.levels[-1] for d in each) + 1)
-    axes = Axes(seconds_since_1970(days + 0.5), DAY_S, depth_m, step_m)
+    axes = Axes(DAY_S * (days + 0.5), DAY_S, depth_m, step_m)
     seams = [_describe_seam(*pair) for pair in pairwise(each)]
     errors, turned, shrinkage = _join_headings(each, days)
     with gridded.create_gridded(
         path, "gridded-daily", _describe(site, each, attributes, deployments.values(), seams), axes, errors, turned,
-        [f"{d.name}_{d.instruments[k]}" for d, k in order], HOUR_S * max(d.memory_h[1] for d in each),
+        [f"{d.name}_{d.grid.instruments[k]}" for d, k in order], max(d.grid.memory_s for d in each),
     ) as nc:  # fmt: skip
         cells = _join_cells(each, days, len(depth_m))
         gridded.write_columns(nc, cells | {"SHRINKAGE": (shrinkage, None)})
@@ -101,38 +101,36 @@ def _join_headings(
     each: Sequence[_Deployment], days: NDArray[np.intp]
 ) -> tuple[HeadingErrors, NDArray[Any], NDArray[Any]]:
     """Join the heading errors, the corrections (a, t) and the shrinkage (t,)."""
-    names = ["declination", *(f"{d.name}: {mode}" for d in each for mode in d.modes[1:])]
-    affected, total = sum(d.affected for d in each), sum(len(d.instruments) for d in each)
+    names = ["declination", *(f"{d.name}: {mode}" for d in each for mode in d.grid.errors.names[1:])]
+    affected, total = sum(d.affected for d in each), sum(len(d.grid.instruments) for d in each)
     modes, shares = np.full((len(names), len(days)), np.nan), np.zeros((total, len(names)))
     random, turned = (np.full((affected, len(days)), np.nan) for _ in range(2))
     shrinkage, mode = np.full(len(days), np.nan), 1
     for d in each:
-        rows, sources = d.days - days[0], d.number[1:] - 1
-        place = np.array([0, *range(mode, mode + len(d.modes) - 1)])
-        mode += len(d.modes) - 1
-        given = d.values["HEADING_ERROR_MODE"]
-        modes[np.ix_(place, rows)] = np.where(np.isfinite(given), given, modes[np.ix_(place, rows)])
-        shares[np.ix_(sources, place)] = d.values["HEADING_ERROR_SHARE"]
-        random[np.ix_(sources[: d.affected], rows)] = d.values["HEADING_ERROR_RANDOM"]
-        turned[np.ix_(sources[: d.affected], rows)] = d.values["HEADING_CORRECTION"]
-        shrinkage[rows] = np.fmin(shrinkage[rows], d.values["SHRINKAGE"])
-    memory_s = HOUR_S * max(d.memory_h[0] for d in each)
+        rows, sources, errors = d.days - days[0], d.number[1:] - 1, d.grid.errors
+        place = np.array([0, *range(mode, mode + len(errors.names) - 1)])
+        mode += len(errors.names) - 1
+        modes[np.ix_(place, rows)] = np.where(np.isfinite(errors.modes), errors.modes, modes[np.ix_(place, rows)])
+        shares[np.ix_(sources, place)] = errors.shares
+        random[np.ix_(sources[: d.affected], rows)] = errors.random
+        turned[np.ix_(sources[: d.affected], rows)] = d.grid.correction_deg
+        shrinkage[rows] = np.fmin(shrinkage[rows], d.shrinkage)
+    memory_s = max(d.grid.errors.memory_s for d in each)
     return HeadingErrors(tuple(names), modes, random, memory_s, shares), turned, shrinkage
 
 
 def _join_cells(each: Sequence[_Deployment], days: NDArray[np.intp], depths: int) -> Columns:
     """Join the variables of cells, each cell from the deployment with most samples."""
     joined: dict[str, NDArray[Any]] = {}
-    for name, values in each[0].values.items():
-        if values.shape == each[0].values["UCUR"].shape and not name.endswith("_bnds") and name[:8] != "HEADING_":
-            empty = np.nan if values.dtype.kind == "f" else MISSING if name.endswith("_QC") else 0
-            joined[name] = np.full((len(days), depths), empty, dtype=values.dtype)
+    for name, values in each[0].cells.items():
+        empty = np.nan if values.dtype.kind == "f" else MISSING if name.endswith("_QC") else 0
+        joined[name] = np.full((len(days), depths), empty, dtype=values.dtype)
     for d in each:
         place = np.ix_(d.days - days[0], d.levels)
-        better = d.values["N_SAMPLES"] > joined["N_SAMPLES"][place]
-        low_passed = np.isfinite(d.values["UCUR_LOWPASS"]) & ~np.isfinite(joined["UCUR_LOWPASS"][place])
+        better = d.cells["N_SAMPLES"] > joined["N_SAMPLES"][place]
+        low_passed = np.isfinite(d.cells["UCUR_LOWPASS"]) & ~np.isfinite(joined["UCUR_LOWPASS"][place])
         for name, values in joined.items():
-            given = d.number[d.values[name]].astype(np.int8) if name == "SOURCE" else d.values[name]
+            given = d.number[d.cells[name]].astype(np.int8) if name == "SOURCE" else d.cells[name]
             values[place] = np.where(low_passed if "LOWPASS" in name else better, given, values[place])
     flags = {name.removesuffix("_QC"): joined.pop(name) for name in [*joined] if name.endswith("_QC")}
     return {name: (values, flags.get(name)) for name, values in joined.items()}
@@ -140,18 +138,15 @@ def _join_cells(each: Sequence[_Deployment], days: NDArray[np.intp], depths: int
 
 def _describe_seam(before: _Deployment, after: _Deployment) -> str:
     """Describe the gap between two deployments, or their differences on common days."""
-    lat, lon = (np.array([float(d.values[axis]) for d in (before, after)]) for axis in ("LATITUDE", "LONGITUDE"))
-    east = float(angles.wrap180(np.diff(lon))[0]) * float(angles.sin_cos(lat.mean())[1])
-    apart_km = DEGREE_KM * float(np.hypot(np.diff(lat)[0], east))
+    middle = (before.latitude + after.latitude) / 2.0
+    east = float(angles.difference(after.longitude, before.longitude)) * float(angles.sin_cos(middle)[1])
+    apart_km = DEGREE_KM * float(np.hypot(after.latitude - before.latitude, east))
     said = f"{before.name} to {after.name}, {apart_km:.1f} km apart: "
     days, levels = np.intersect1d(before.days, after.days), np.intersect1d(before.levels, after.levels)
     if not len(days):
         return said + f"{after.days[0] - before.days[-1] - 1} days between them"
-    flows: list[Complexes] = [
-        (d.values["UCUR"] + 1j * d.values["VCUR"])[np.ix_(np.isin(d.days, days), np.isin(d.levels, levels))]
-        for d in (before, after)
-    ]
-    off = flows[1] - flows[0]
+    flows = [d.grid.velocity[np.ix_(np.isin(d.days, days), np.isin(d.levels, levels))] for d in (before, after)]
+    off: Complexes = flows[1] - flows[0]
     off = 100.0 * off[np.isfinite(off)]
     if not off.size:
         return said + f"{len(days)} common days without common cells"
@@ -168,9 +163,7 @@ def _describe(
 ) -> gridded.FileDescription:  # fmt: skip
     """Describe the joined file, at the position of the first deployment."""
     first, names = each[0], ", ".join(d.name for d in each)
-    place = Site(
-        site, float(first.values["LATITUDE"]), float(first.values["LONGITUDE"]), first.attributes.get("water_depth")
-    )
+    place = Site(site, first.latitude, first.longitude, first.attributes.get("water_depth"))
     recorded, corrected = (sum(int(d.attributes[f"headings_{x}"]) for d in each) for x in ("recorded", "corrected"))
     made: dict[str, Any] = provenance.origin("daily means of deployments joined", provenance.hashes(map(str, files)))
     made["method"] = "; ".join(dict.fromkeys(d.attributes["correction_method"] for d in each))

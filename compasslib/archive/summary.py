@@ -1,7 +1,5 @@
 """Summaries of a mooring's results: row of summary.csv, lookup table, histograms, and the current of one bin."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles
 from compasslib.archive import netcdf
 from compasslib.archive.files import (
     atomic_write,
@@ -26,7 +23,7 @@ from compasslib.archive.netcdf import seconds_since_1970
 from compasslib.deviation.assessment import BIN_DEG, BINS, QUANTITIES, Counts
 from compasslib.deviation.correction import LOOKUP_COLUMNS
 from compasslib.records import BAD, Pairs
-from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
+from compasslib.types import Complexes, Floats
 
 COLUMNS = (
     *("name", "method", "n_pairs", "share_corrected", "rms_before_deg", "rms_after_deg", "max_deviation_deg", "folded"),
@@ -36,11 +33,7 @@ STOPPED = "stopped"  # verdict of a mooring that has no results because its file
 
 
 def summary_row(name: str, folder: str | Path, roles: Iterable[str] | None = None) -> dict[str, Any]:
-    """Summarize a mooring in a row: shares from 0 to 1, angles in degrees, rms on pairs held out from the fit.
-
-    Args:
-        roles: its instruments; None, without a configuration, for those of all records present.
-    """
+    """Summarize a mooring with instruments ``roles``, or all that have records: shares, degrees, held-out rms."""
     folder = Path(folder)
     files = ("deviation.json", "assessment.json", "diagnosis.json", "work/field.json")
     fit, verdict, diagnosis, field = (read_json(folder / file) for file in files)
@@ -130,10 +123,7 @@ def read_histograms(path: str | Path) -> dict[str, NDArray[np.int_]]:
 
 # Currents at one depth.
 
-AVERAGING_HOURS = (1, 6, 24, 48, 120, 240, 720, 2400)  # possible averaging intervals
-MAX_MEANS, MAX_STICKS = 420, 70
 GAP = complex(np.nan, np.nan)
-USUAL, UNBROKEN_DAYS = 0.9, 15.0
 
 
 @dataclass(frozen=True)
@@ -163,11 +153,11 @@ class BinCurrents:
 
 
 def read_bin_currents(path: str | Path) -> BinCurrents:
-    """Read the current of the nearest bin that has at least ``USUAL`` of the samples of the fullest bin."""
+    """Read the current of the nearest bin that has at least 0.9 of the samples of the fullest bin."""
     with open_netcdf(path) as nc:
         time_s = seconds_since_1970(read_variable(nc, "TIME"))
         count = np.sum(read_variable(nc, "UCUR_RECORDED_QC") < BAD, axis=0)
-        shown = int(np.argmax(count >= USUAL * count.max()))
+        shown = int(np.argmax(count >= 0.9 * count.max()))
         flows = []
         for end in ("_RECORDED", ""):
             names = (f"UCUR{end}", f"VCUR{end}", f"UCUR{end}_QC")
@@ -178,64 +168,6 @@ def read_bin_currents(path: str | Path) -> BinCurrents:
     return BinCurrents(float(np.median(known)) if known.size else float("nan"), *flows)
 
 
-@dataclass(frozen=True)
-class DepthSeries:
-    """Gridded currents, each at the depth with most periods of days without a gap."""
-
-    step_s: float
-    latitude: float
-    depth_m: dict[str, float]  # by "recorded", "corrected" and "reference"
-    velocity: dict[str, Complexes]  # (t,) by the same names; NaN where there is none
-
-
-def read_depth_series(path: str | Path) -> DepthSeries:
-    """Read from gridded.nc the currents of the affected instrument, before and after, and of the reference.
-
-    Of the depths with ``USUAL`` as many unbroken periods as any, that with most values is taken, for the reference the
-    one nearest to it.
-    """
-    depths, flows = dict[str, float](), dict[str, Complexes]()
-    with open_netcdf(path) as nc:
-        time_s, depth_m, source = (read_variable(nc, name) for name in ("TIME", "DEPTH", "SOURCE"))
-        turned, latitude = np.atleast_2d(read_variable(nc, "HEADING_CORRECTION")), float(nc["LATITUDE"][...])
-        step_s = float(np.median(np.diff(seconds_since_1970(time_s)))) if len(time_s) > 1 else HOUR_S
-        for name in ("corrected", "reference"):
-            there = (source > 0) & (source <= len(turned)) if name == "corrected" else source > len(turned)
-            missing = np.pad(np.cumsum(~there, axis=0), ((1, 0), (0, 0)))
-            length = min(int(UNBROKEN_DAYS * DAY_S / step_s), len(there))
-            unbroken = np.sum(missing[length:] == missing[: len(missing) - length], axis=0)
-            usual = np.flatnonzero(unbroken >= USUAL * unbroken.max())
-            level = int(usual[np.argmax(there.sum(axis=0)[usual])])
-            if name == "reference" and "corrected" in depths:
-                level = int(usual[np.argmin(np.abs(depth_m[usual] - depths["corrected"]))])
-            if (here := there[:, level]).any():
-                east, north = (np.asarray(nc[key][:, level], dtype=float) for key in ("UCUR", "VCUR"))
-                depths[name], flows[name] = float(depth_m[level]), np.where(here, east + 1j * north, GAP)
-            if name == "corrected" and here.any():
-                angle = -turned[np.clip(source[:, level], 1, len(turned)) - 1, np.arange(len(here))]
-                east, north = angles.turn(flows[name].real, flows[name].imag, angle)
-                depths["recorded"], flows["recorded"] = depths[name], east + 1j * north
-    return DepthSeries(step_s, latitude, depths, flows)
-
-
 def reference_current(pairs: Pairs) -> CurrentSeries:
     """Extract the reference's current at the pairs."""
     return CurrentSeries(pairs.time_s, pairs.lower_east + 1j * pairs.lower_north)
-
-
-def averaging_hours(time_s: Floats, most: int = MAX_MEANS) -> float:
-    """Choose an averaging interval, hours, for at most ``most`` means over a record, whose times increase."""
-    hours = (time_s[-1] - time_s[0]) / HOUR_S if len(time_s) else 0.0
-    return float(next((span for span in AVERAGING_HOURS if hours <= most * span), AVERAGING_HOURS[-1]))
-
-
-def average(flow: CurrentSeries, begin_s: float, hours: float, count: int) -> Complexes:
-    """Average a current over ``count`` equal intervals, (count,); NaN where an interval has no sample."""
-    there = np.isfinite(flow.velocity)
-    place = np.floor((flow.time_s[there] - begin_s) / (hours * HOUR_S)).astype(int)
-    inside = (place >= 0) & (place < count)
-    number = np.bincount(place[inside], minlength=count)
-    velocity = flow.velocity[there][inside]
-    sums = [np.bincount(place[inside], part, count) for part in (velocity.real, velocity.imag)]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(number > 0, (sums[0] + 1j * sums[1]) / number, GAP)

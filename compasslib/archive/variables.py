@@ -5,8 +5,6 @@ table and are omitted where it has none: it has an orientation from true north, 
 declination. Flags are those of OceanSITES reference table 2.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -203,10 +201,8 @@ def _by_name(content: str, coordinates: Mapping[tuple[str, ...], str], *entries:
 
 
 def _current(name: str, towards: str, standard_name: str, parameter: str) -> list[Variable]:
-    """Describe a component of the current by the corrected and by the recorded heading, and its uncertainty.
-
-    The recorded one has no standard name, so that a selection by standard name yields the corrected one.
-    """
+    """Describe a component of the current by the corrected and by the recorded heading, and its uncertainty."""
+    # Without a standard name of the recorded one, a selection by it yields the corrected one.
     corrected = Variable(
         name, f"{towards} velocity of the water, by the corrected heading", "m s-1", standard_name, BINS, "f4",
         valid=(-10.0, 10.0), reference=TRUE, comment=_CORRECTED, parameter=parameter, sensed=True, by_declination=True,
@@ -376,10 +372,8 @@ _TOTAL = "One standard deviation, all errors together; for sums and means the mo
 
 
 def _gridded_current(name: str, towards: str, standard_name: str, parameter: str) -> list[Variable]:
-    """Describe a component of the gridded current and without tides, and the uncertainty of each.
-
-    Without tides it has no standard name, so that a selection by standard name yields the means.
-    """
+    """Describe a component of the gridded current and without tides, and the uncertainty of each."""
+    # Without a standard name of the tide-free one, a selection by it yields the means.
     low = f"{name}_LOWPASS"
     velocity = Variable(
         name, f"{towards} velocity of the water", "m s-1", standard_name, CELLS, "f4", valid=(-10.0, 10.0),

@@ -11,8 +11,6 @@ A command raises InputError for input that it cannot use, which is reported in o
 (1, 1)
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import re

@@ -1,7 +1,5 @@
 """``compass check``, which opens all configured files and prints all problems, and ``compass correct``."""
 
-from __future__ import annotations
-
 import os
 import re
 import sys
@@ -18,7 +16,7 @@ import numpy as np
 
 from compasslib import angles, calibrations, earthfield, readers
 from compasslib.archive.deposit import missing_attributes
-from compasslib.cli.results import align, print_warnings, split_warnings
+from compasslib.cli.results import align, print_warnings
 from compasslib.config import cruise as config
 from compasslib.config.cruise import CALIBRATIONS, Cruise
 from compasslib.config.schema import Covariate, Instrument, Mooring
@@ -300,9 +298,11 @@ def correct(asked: Namespace) -> int:
     warnings: list[str] = []
 
     def say(text: str) -> None:
-        lines, more = split_warnings(text)
-        warnings.extend(more)
-        print(*lines, sep="\n", file=sys.stderr, flush=True)
+        for line in text.splitlines():
+            if ": warning: " in line:
+                warnings.append(line.replace(": warning: ", ": ", 1))
+            else:
+                print(line, file=sys.stderr, flush=True)
 
     process_mooring(asked.cruise, asked.mooring, folder, say)
     print_warnings(warnings)

@@ -1,14 +1,11 @@
 """``compass diff``: compare two runs by mooring and calibration, for example after a correction of metadata."""
 
-from __future__ import annotations
-
 from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.archive import provenance
@@ -42,16 +39,18 @@ Cells = Callable[..., tuple[str, ...]]  # cells that compare two folders of resu
 def diff(asked: Namespace) -> int:
     """Print the differences of moorings and of calibrations, and the software of both, or that nothing changed."""
     with results.unpack_deposit(asked.old) as first, results.unpack_deposit(asked.new) as second:
-        old, new = results.find_results(first), results.find_results(second)
-        moorings = _rows(old.moorings, new.moorings, results.MOORING_FILES, _compare_moorings)
-        calibrations = _rows(old.calibrations, new.calibrations, results.CALIBRATION_FILES, _compare_calibrations)
-        changed = [(MOORING_HEADER, moorings), (CALIBRATION_HEADER, calibrations)]
-        sections = [_table(*entry) for entry in changed if any(entry[1].values())]
-        only = next(iter(old.moorings.values()), Path())
-        both = {name: old.moorings.get(name, only) for name, row in moorings.items() if row[1:]}
-        differ = [f"  {k}: {text}" for k, side in both.items() for text in compare_jobs(side, new.moorings[k])]
+        (old, old_checks), (new, new_checks) = results.find_results(first), results.find_results(second)
+        moorings = _rows(old, new, results.MOORING_FILES, _compare_moorings)
+        calibrations = _rows(old_checks, new_checks, results.CALIBRATION_FILES, _compare_calibrations)
+        sections = []
+        for header, rows in ((MOORING_HEADER, moorings), (CALIBRATION_HEADER, calibrations)):
+            lines = [header, *((name, *(row or ("nothing changed",))) for name, row in rows.items())]
+            sections += ["\n".join(results.align(lines))] if any(rows.values()) else []
+        only = next(iter(old.values()), Path())
+        both = {name: old.get(name, only) for name, row in moorings.items() if row[1:]}
+        differ = [f"  {k}: {text}" for k, side in both.items() for text in compare_jobs(side, new[k])]
         sections += ["\n".join(["Settings and raw files that differ:", *differ])] if differ else []
-        made_by = {(_software(side), _software(new.moorings[k])) for k, side in both.items()}
+        made_by = {(_software(side), _software(new[k])) for k, side in both.items()}
         sections += [f"OLD by {a}\nNEW by {b}" for a, b in sorted(made_by) if a != b]
     if not sections:
         parts = ((moorings, "mooring"), (calibrations, "calibration"))
@@ -127,9 +126,9 @@ def _compare_moorings(*folders: Path) -> tuple[str, ...]:
 
 def _read_product(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Read the variables and the attributes of corrected.nc, of which some must be there."""
-    required = ("TIME", "HEADING_CORRECTED", "DECLINATION")
     with open_netcdf(folder / "corrected.nc") as nc:
-        series = {name: read_variable(nc, name) for name in dict.fromkeys([*required, *nc.variables])}
+        names = dict.fromkeys(["TIME", "HEADING_CORRECTED", "DECLINATION", *nc.variables])
+        series = {name: read_variable(nc, name) for name in names}
         return series, {name: nc.getncattr(name) for name in nc.ncattrs() if name not in EXPECTED_ATTRIBUTES}
 
 
@@ -170,11 +169,8 @@ def _flag_changes(old: Mapping[str, Any], new: Mapping[str, Any], here: Any, the
 def _unequal(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """List the keys of which one side has none, or another value."""
     both = {key: [np.asarray(side[key]) for side in (old, new) if key in side] for key in (*old, *new)}
-    return [key for key, values in both.items() if len(values) < 2 or not _equal(*values)]
-
-
-def _equal(value: NDArray[Any], other: NDArray[Any]) -> bool:
-    return value.shape == other.shape and np.array_equal(value, other, equal_nan=value.dtype.kind == "f")
+    alike = [key for key, x in both.items() if len(x) > 1 and np.array_equal(*x, equal_nan=x[0].dtype.kind == "f")]
+    return [key for key in both if key not in alike]
 
 
 def _compare_calibrations(*folders: Path) -> tuple[str, ...]:
@@ -201,9 +197,6 @@ def _fit(content: Mapping[str, Any]) -> dict[str, Any]:
     return {"method": content["model"], "coefficients": known, "covariance": np.nan_to_num(sigma).tolist()}
 
 
-# Format of cells and of the table.
-
-
 def _from_to(old: str, new: str) -> str:
     return SAME if old == new else f"{old} → {new}"
 
@@ -215,10 +208,7 @@ def _outcome(old: Mapping[str, Any], new: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def _coefficients(old: Mapping[str, Any], new: Mapping[str, Any], *, least: float = 0.01) -> str:
-    """Format the changes of the coefficients that correct, or of the method if that differs.
-
-    Changes below ``least`` standard deviations of OLD are numerical.
-    """
+    """Format the changes of coefficients, or of the method; those below ``least`` sigmas of OLD are numerical."""
     before, after = old["coefficients"], new["coefficients"]
     if old["method"] != new["method"]:
         return f"{old['method']} → {new['method']}"
@@ -234,9 +224,3 @@ def _coefficients(old: Mapping[str, Any], new: Mapping[str, Any], *, least: floa
             sigmas = f" ({abs(change) / s:.2g}σ)" if s > 0.0 else ""
             worth.append(f"{letter} {change:+.2g}{sigmas}".replace("-", words.MINUS))
     return ", ".join(worth) or f"below {least} of their 1σ"
-
-
-def _table(header: Sequence[str], rows: Mapping[str, tuple[str, ...]]) -> str:
-    """Format a header and rows, by name, as a table."""
-    lines = [header, *((name, *(row or ("nothing changed",))) for name, row in rows.items())]
-    return "\n".join(results.align(lines))

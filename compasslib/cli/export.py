@@ -1,7 +1,5 @@
 """``compass export``: write a product in the forms that other programs read, or a cruise as a crate."""
 
-from __future__ import annotations
-
 import io
 import json
 import shutil
@@ -152,10 +150,7 @@ class _Headings:
         self.found = np.zeros(len(time), dtype=bool)  # whether a heading matches an ensemble
 
     def turn(self, leaders: Ensembles, *, same_s: float = 0.001, same_deg: float = 0.006) -> Floats:
-        """Compute corrected minus recorded heading of each ensemble, NaN where there is none, (k,) degrees.
-
-        An ensemble has the heading of the sample whose time and recorded heading are the same but for rounding.
-        """
+        """Compute corrected minus recorded heading, degrees, (k,), of the sample with its time and heading."""
         if not len(self.time_s):
             return np.full(len(leaders.time_s), np.nan)
         reader, settled = self.settings["reader"], self.settings["deployment"]
@@ -209,10 +204,8 @@ def write_parquet(source: Path, table: Path) -> None:
 
 
 def write_zarr(source: Path, target: Path) -> None:
-    """Write corrected.nc with its own names as Zarr 2, which has texts of fixed length, packed as one ZIP.
-
-    It is packed at the end: in a store that is a ZIP, each later version of the metadata is a further entry.
-    """
+    """Write corrected.nc with its own names as Zarr 2, which has texts of fixed length, packed as one ZIP."""
+    # Packed at the end: in a store that is a ZIP, each later version of the metadata is a further entry.
     data, storage = _needed("xarray").load_dataset(source), _needed("zarr.storage")
     written: dict[str, Any] = {}
     data.to_zarr(storage.MemoryStore(written), zarr_format=2)

@@ -1,7 +1,5 @@
 """``compass init``: draft the configuration files of a cruise from instrument exports; existing files are unchanged."""
 
-from __future__ import annotations
-
 import math
 import os
 import re
@@ -163,10 +161,7 @@ def _sort(paths: Sequence[Path], name: str | None, contents: Contents) -> None:
 
 
 def _add_calibration(path: Path, form: str, table: detect.GuessedTable | None, contents: Contents) -> None:
-    """Add the series of an observatory, which is a covariate too, a log of a ship, or a table of readings.
-
-    A value is DECIDE where it is required and not known; an optional one is None, and a comment in the draft.
-    """
+    """Add an observatory's series, a ship's log or a table of readings; a value is None if optional and unknown."""
     file, name = contents.inside(path), _free(_name(path.stem), contents.calibrations)
     keys: dict[str, Any] = {"file": file}
     comments = {"date": "when it was done", "longitude": draft.UNITS["longitude"]}
@@ -302,10 +297,7 @@ def _overlap_in_time(first: Drafted, other: Drafted, *, share: float = 0.1) -> b
 
 
 def _roles(instruments: Mapping[str, Drafted]) -> tuple[str | None, str, list[str]]:
-    """Identify the affected instrument, with the evidence, and list those that recorded at the same time.
-
-    It is the only one with headings, or that whose heading explains the directions; None if the files do not show it.
-    """
+    """Identify the affected instrument, None where the files do not show it, the evidence, and possible references."""
     turning = {name: each.record for name, each in instruments.items() if each.record and each.sectors}
     listed = []  # content of each record, to help the user to identify the affected instrument
     for name, each in instruments.items():

@@ -1,18 +1,16 @@
 """``compass explain`` and ``compass verify``; location and completeness of results."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 import tempfile
 import textwrap
 import zipfile
 from argparse import Namespace
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import chdir, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple, TextIO
+from typing import TextIO
 
 from compasslib.archive import crate, deposit, summary
 from compasslib.archive.files import read_json
@@ -30,12 +28,7 @@ COMPARED = ("corrected.nc", ".json", "table.csv")  # files of a deposit that are
 
 
 def mooring_folder(cruise: str, mooring: str, parts: Sequence[str] = ("",), what: str = "mooring") -> Path:
-    """Find the folder of the results of a mooring or, in other parts of the results, of a calibration or compass.
-
-    Args:
-        mooring: name in the cruise, or the folder itself.
-        parts: subfolders of the results that are searched, "" for the results themselves.
-    """
+    """Find the folder of a mooring's results, or of a calibration or compass in further ``parts`` of the results."""
     root = Path(cruise) / "results"
     for folder in (*(root / part / mooring for part in parts), Path(cruise) / "corrected" / mooring, Path(mooring)):
         if folder.is_dir():
@@ -44,13 +37,6 @@ def mooring_folder(cruise: str, mooring: str, parts: Sequence[str] = ("",), what
     there = ", ".join([*_moorings(root), *others]) if root.is_dir() else "no folder results"
     advice = f"write the name of a {what} that was run, and --cruise FOLDER where it is not in this one"
     raise InputError(mooring, expected=f"a {what} with results in {cruise}", found=there or "none", advice=advice)
-
-
-class ResultFolders(NamedTuple):
-    """Folders of results by name of mooring or calibration."""
-
-    moorings: Mapping[str, Path]
-    calibrations: Mapping[str, Path]
 
 
 @contextmanager
@@ -67,25 +53,21 @@ def unpack_deposit(place: str) -> Iterator[str]:
         yield folder
 
 
-def find_results(place: str) -> ResultFolders:
-    """Find the folders of results in a cruise or a folder of results, or in that of one mooring or calibration."""
+def find_results(place: str) -> tuple[dict[str, Path], dict[str, Path]]:
+    """Find the folders of moorings and of calibrations in a cruise or in results, or the one that is such a folder."""
     root = Path(place)
     alone = {root.resolve().name: root}
     if (root / CALIBRATION_FILES[0]).is_file():
-        return ResultFolders({}, alone)
+        return {}, alone
     if any((root / file).is_file() for file in MOORING_FILES):
-        return ResultFolders(alone, {})
+        return alone, {}
     for folder in (root / "results", root):
-        actual = ResultFolders(_moorings(folder), _calibrations(folder))
-        if actual.moorings or actual.calibrations:
-            return actual
+        calibrations = {path.name: path for path in sorted((folder / "calibrations").glob("*")) if path.is_dir()}
+        if (moorings := _moorings(folder)) or calibrations:
+            return moorings, calibrations
     missing_files = "no results in it" if root.is_dir() else "no such folder"
     advice = "name a cruise that was run, its folder results, or a copy of that"
     raise InputError(place, expected="a folder with results", found=missing_files, advice=advice)
-
-
-def _calibrations(root: Path) -> dict[str, Path]:
-    return {path.name: path for path in sorted((root / "calibrations").glob("*")) if path.is_dir()}
 
 
 def _moorings(root: Path) -> dict[str, Path]:
@@ -123,21 +105,8 @@ def align(lines: Sequence[Sequence[str]]) -> list[str]:
     return ["  ".join(cells).rstrip() for cells in padded]
 
 
-# Warnings of a command are collected and printed together at its end, where the user will notice them.
-
-WARNING_MARK = ": warning: "  # in lines of the stages' logs
-
-
-def split_warnings(said: str) -> tuple[list[str], list[str]]:
-    """Split the lines of a log into other lines and warnings, from which the mark is removed."""
-    lines = said.splitlines()
-    return [line for line in lines if WARNING_MARK not in line], [
-        line.replace(WARNING_MARK, ": ", 1) for line in lines if WARNING_MARK in line
-    ]
-
-
 def print_warnings(warnings: Sequence[str], stream: TextIO | None = None) -> None:
-    """Print each distinct warning once, to stderr by default."""
+    """Print each distinct warning of a command once, to stderr by default, at its end where the user notices them."""
     once = list(dict.fromkeys(warnings))
     if once:
         print(f"{len(once)} warning{'s' * (len(once) != 1)}:", *once, sep="\n  ", file=stream or sys.stderr, flush=True)

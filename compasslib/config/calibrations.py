@@ -3,8 +3,6 @@
 A new kind needs a class with its keys and an entry in ``MODELS``.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator

@@ -3,8 +3,6 @@
 ``python -m compasslib.config.cruise FOLDER`` writes the JSON schemas of the files; ``make schema`` does so.
 """
 
-from __future__ import annotations
-
 import graphlib
 import json
 import math
@@ -119,11 +117,7 @@ def load_cruise(cruise: Path, *, in_storage: bool = False, refuse: Callable[[Inp
 
 
 def validate(model: type[Model], raw: dict[str, Any], file: str, place: RawFolder | None = None) -> Model:
-    """Validate a mapping with a model; raw files are searched only if ``place`` is given.
-
-    Raises:
-        InputError: for keys still set to DECIDE, an unknown key or an invalid value; ``others`` has further mistakes.
-    """
+    """Validate a mapping, with raw files searched in ``place``, or raise its first mistake, with ``others``."""
     undecided_keys, errors = undecided(raw), []
     try:
         checked = model.model_validate(decided(raw), context=place)
@@ -208,11 +202,7 @@ def _check_calibrations(cruise: Path, known: dict[str, CalibrationFile], names: 
 
 
 def _check_compasses(name: str, mooring: Mooring, file: str, stays: Stays) -> None:
-    """Check that no compass of a mooring was elsewhere at the same time, or calibrated under the mooring's name.
-
-    Args:
-        stays: those checked before; those of the mooring are added.
-    """
+    """Check that no compass was in two places, by the ``stays`` so far, or calibrated under the mooring's name."""
     for role, compass in ((role, each.compass) for role, each in mooring.instruments.items() if each.compass):
         where = f"{file}: instruments.{role}.compass"
         for other, begin_s, end_s in stays.setdefault(compass, []):
@@ -320,11 +310,7 @@ for _kind in ("int", "float"):
 
 
 def read(root: Path, name: str, example: str = "key: value") -> dict[str, Any]:
-    """Read a YAML file as a mapping; dates remain strings.
-
-    Raises:
-        InputError: if the file is absent, not UTF-8, not YAML, or not a mapping.
-    """
+    """Read a YAML file as a mapping; dates remain strings."""
     path = root / name
     if not path.is_file():
         raise InputError(name, f"this file in {root}", "none", f"write one, for example with the line {example}")

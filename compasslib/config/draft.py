@@ -3,8 +3,6 @@
 The schema refuses DECIDE, which the user must replace; the comment on the same line gives the evidence in the files.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -56,10 +54,7 @@ class Drafted:
 
     @cached_property
     def in_water_s(self) -> tuple[float, float] | None:
-        """First and last time below half the median pressure or depth; None if they do not show the time in the water.
-
-        The median and the range must exceed 2 m.
-        """
+        """First and last time below half the median pressure or depth; None unless median and range exceed 2 m."""
         for level in (self.record.pressure_dbar, self.record.depth_m) if self.record else ():
             known = level[np.isfinite(level)]
             if self.record and 2 * len(known) > len(level) and min(np.median(known), np.ptp(known)) > 2.0:
@@ -124,11 +119,7 @@ def mooring(
 
 
 def calibration(kind: str, keys: Mapping[str, Any], comments: Mapping[str, str]) -> str:
-    """Compose the text of config/calibrations/NAME.yaml.
-
-    Args:
-        keys: values from the files; DECIDE for a required input, None for an optional one (written as a comment).
-    """
+    """Compose config/calibrations/NAME.yaml; an optional value that is not known, None, becomes a comment."""
     lines = [
         f"# {key}: ...  # {comments[key]}\n"
         if value is None

@@ -3,8 +3,6 @@
 What pydantic refuses is described by the field (``cruise.describe``); ``problem`` creates an error with other words.
 """
 
-from __future__ import annotations
-
 import difflib
 import os
 import posixpath

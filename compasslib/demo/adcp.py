@@ -4,8 +4,6 @@ In earth coordinates the instrument has rotated its velocities by its own compas
 error; in beam coordinates it has not.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Simulation of a compass near iron: the earth's field, iron, tilt and levelling, and its magnetometer."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 

@@ -4,8 +4,6 @@ C1 has two causes, C2 one that the catalogue does not list, C3 one whose effect 
 ``python -m compasslib.demo.concealed FOLDER SEED`` writes a cruise of these moorings with another seed.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys
@@ -46,10 +44,8 @@ class Case:
 
 
 def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: int) -> None:
-    """Write the raw files of one mooring into ``raw_dir/name``, and planted causes and headings to a separate file.
-
-    The signal-to-noise ratio z of each cause is drawn evenly from 4, the limit of a tool that knows the noise, to 15.
-    """
+    """Write raw files into ``raw_dir/name``, and planted causes and headings to a separate file."""
+    # The signal-to-noise ratio of a cause is drawn evenly from 4, the limit of a tool that knows the noise, to 15.
     case, rng = CASES[name], np.random.default_rng([seed, *name.encode()])
     ground = sealed.make(seed, name, case.wish)
     water, motion, count = ground.currents, ground.motion, ground.currents.time_s.size

@@ -35,10 +35,7 @@ class World:
 
 
 def write_mooring(name: str, raw_dir: Path | str, truth_path: Path | str, seed: int = 2007) -> None:
-    """Write the raw files of one mooring into ``raw_dir/name``, and the true headings to a separate file.
-
-    The same seed gives the same bytes, whichever other moorings are simulated.
-    """
+    """Write the raw files of one mooring into ``raw_dir/name``, the same by the same seed, and the true headings."""
     world = make_world(MOORINGS[name], seed)
     folder = Path(raw_dir) / name
     folder.mkdir(parents=True, exist_ok=True)

@@ -5,8 +5,6 @@ one in two seconds in the uppermost 60 m, next to the bumper under the sphere, a
 While the wire leans too much, the profiler is stuck at depth for days and logs one minute of each profile there.
 """
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass
 from math import isnan, nan
@@ -256,10 +254,7 @@ def _swing(
 def _compass(
     rng: np.random.Generator, heading_deg: Floats, profile: NDArray[np.intp], field: tuple[Floats, Floats, Floats]
 ) -> tuple[Floats, ...]:
-    """Simulate heading, tilts in degrees and direction cosines of the field, which obey the logger's levelling rule.
-
-    x = HX cos TX - HZ sin TX, y = HY cos TY - HZ sin TY, heading = atan2(y, x), with z upwards.
-    """
+    """Simulate heading, tilts (degrees) and direction cosines of the field by the logger's levelling, z upwards."""
     steady = rng.normal(0.0, 0.35, profile[-1] + 1)[profile]
     heading = angles.wrap360(heading_deg + steady + rng.normal(0.0, 0.35, profile.size))
     tilts = [

@@ -171,10 +171,7 @@ class Written:
 
 
 def write(ground: Ground, effects: Sequence[Effect], raw: Path, setup: Setup = TOP) -> Written:
-    """Write the raw files ``top.000`` and ``deep.000``, and return the truth.
-
-    The compass repeats one value for nine hours, and the record has four gaps.
-    """
+    """Write ``top.000``, with a stuck compass for nine hours and four gaps, and ``deep.000``; return the truth."""
     raw.mkdir(parents=True, exist_ok=True)
     top, count = read(ground, effects, ground.stamp_s, ground.random("readings")), ground.stamp_s.size
     begin = int(ground.random("stuck").integers(0, count - 9))

@@ -16,10 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from compasslib import angles
-from compasslib.types import DAY_S as DAY_S
-from compasslib.types import HOUR_S as HOUR_S
-from compasslib.types import Complexes as Complexes
-from compasslib.types import Floats as Floats
+from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
 
 def stream(seed: int, mooring: str, purpose: str) -> np.random.Generator:

@@ -5,9 +5,9 @@ Files are written atomically, and the same data give the same bytes.
 
 >>> from pathlib import Path
 >>> from tempfile import TemporaryDirectory
->>> from compasslib.plots.page import CORRECTED, degrees, page
+>>> from compasslib.plots.page import CORRECTED, create, degrees
 >>> with TemporaryDirectory() as folder:
-...     with page(Path(folder, "heading.png"), 1.5) as figure:
+...     with create(Path(folder, "heading.png"), 1.5) as figure:
 ...         axes = figure.subplots()
 ...         _ = axes.plot([0.0, 360.0], [0.0, 5.0], color=CORRECTED)
 ...         degrees(axes.xaxis, (0.0, 360.0))

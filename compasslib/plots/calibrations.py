@@ -3,8 +3,6 @@
 They draw what is available: recorded_deg, deviation_deg and residual_deg of the points, the table, and ``models``.
 """
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Mapping, Sequence
 from itertools import cycle
@@ -14,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from compasslib import angles, compass
@@ -24,40 +21,22 @@ from compasslib.calibrations.curves import harmonic_design
 from compasslib.calibrations.result import LETTERS
 from compasslib.calibrations.swing import adjustment
 from compasslib.deviation.series import series_design, series_deviation
-from compasslib.plots.page import (
-    BAND,
-    BLACK,
-    BLUE,
-    CORRECTED,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    RECORDED,
-    SKY,
-    VERMILION,
-    WIDE_IN,
-    dates,
-    degrees,
-    empty,
-    find_gaps,
-    legend,
-    nearest_turn,
-    page,
-    signed,
-)
+from compasslib.plots import page
 from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import DAY_S, Floats
 
-COLOURS = {"smith": GREEN, "exact": SKY, "polynomial": ORANGE, "one_cycle": PURPLE, "empirical": BLUE}
-PALE_BAND: dict[str, Any] = BAND | {"alpha": 0.22}
-LIMIT: dict[str, Any] = {"color": VERMILION, "linewidth": 0.8, "linestyle": "--"}
-EDGE: dict[str, Any] = {"color": GREY, "linewidth": 1.0, "linestyle": (0, (4, 2))}
+COLOURS = {
+    **{"smith": page.GREEN, "exact": page.SKY, "polynomial": page.ORANGE},
+    **{"one_cycle": page.PURPLE, "empirical": page.BLUE},
+}
+PALE_BAND: dict[str, Any] = page.BAND | {"alpha": 0.22}
+LIMIT: dict[str, Any] = {"color": page.VERMILION, "linewidth": 0.8, "linestyle": "--"}
+EDGE: dict[str, Any] = {"color": page.GREY, "linewidth": 1.0, "linestyle": (0, (4, 2))}
 DOT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.6, "markeredgewidth": 0}
-POINT: dict[str, Any] = DOT | {"markersize": 3.5, "color": BLACK}
-SERIES: dict[str, Any] = {"color": BLACK, "linestyle": (0, (2.5, 1.5)), "linewidth": 1.0}
-MODEL: dict[str, Any] = {"color": GREY, "linewidth": 1.2, "linestyle": (0, (4, 2))}
-STORM: dict[str, Any] = {"color": VERMILION, "alpha": 0.18, "linewidth": 0}
+POINT: dict[str, Any] = DOT | {"markersize": 3.5, "color": page.BLACK}
+SERIES: dict[str, Any] = {"color": page.BLACK, "linestyle": (0, (2.5, 1.5)), "linewidth": 1.0}
+MODEL: dict[str, Any] = {"color": page.GREY, "linewidth": 1.2, "linestyle": (0, (4, 2))}
+STORM: dict[str, Any] = {"color": page.VERMILION, "alpha": 0.18, "linewidth": 0}
 MOST_BARS, LOG = 100, 1000  # points above which no error bars are drawn, and of a log that may have spikes
 TURN_DEG = np.arange(0.0, 361.0, 1.0)
 GAMMA, DEVIATION, FILE_UNIT = "Recorded heading γ (° magnetic)", "Deviation β − γ (°)", "(file's unit)"
@@ -65,23 +44,23 @@ GAMMA, DEVIATION, FILE_UNIT = "Recorded heading γ (° magnetic)", "Deviation β
 
 def draw_figure(figure: str, path: str | Path, shown: StoredCalibration) -> None:
     """Draw one figure of a calibration: ``compared``, or one of ``calibrations.FIGURES`` or ``calibrations.KINDS``."""
-    common = {"deviation": draw_deviation, "certificate": draw_certificate, "compared": draw_compared}
-    if draw := common.get(figure):
-        draw(path, shown)
-    else:
-        {"tilt": draw_tilt, "magnetometer": draw_magnetometer, "series": draw_series}[figure](path, shown)
+    drawn_by = {
+        **{"deviation": draw_deviation, "certificate": draw_certificate, "compared": draw_compared},
+        **{"tilt": draw_tilt, "magnetometer": draw_magnetometer, "series": draw_series},
+    }
+    drawn_by[figure](path, shown)
 
 
 def _by_heading(axes: Axes, label: str = DEVIATION) -> None:
     """Label axes of a quantity by recorded heading, with a line at zero."""
-    axes.axhline(0.0, color=BLACK, linewidth=0.6)
-    degrees(axes.xaxis, (0.0, 360.0))
+    axes.axhline(0.0, color=page.BLACK, linewidth=0.6)
+    page.degrees(axes.xaxis, (0.0, 360.0))
     axes.set(xlabel=GAMMA, ylabel=label)
 
 
 def draw_deviation(path: str | Path, shown: StoredCalibration) -> None:
     """Draw readings, curves with the 95 % band of the chosen one, a swing's limit of ISO 25862, and residuals."""
-    with page(path, 5.6) as figure:
+    with page.create(path, 5.6) as figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1.0))
         handles = deviation_panel(above, shown)
         above.set(xlabel="", title="")
@@ -91,7 +70,7 @@ def draw_deviation(path: str | Path, shown: StoredCalibration) -> None:
             handles.append(limits[0])
         off, recorded = shown.points.get("residual_deg"), shown.points.get("recorded_deg")
         if off is None or recorded is None or not np.isfinite(off).any():
-            empty(below, words="no residuals")
+            page.empty(below, words="no residuals")
         else:
             below.plot(recorded, off, **_point(len(off)))
             expanded = shown.content["uncertainty"]["expanded_deg"] or 0.0
@@ -100,7 +79,7 @@ def draw_deviation(path: str | Path, shown: StoredCalibration) -> None:
             handles.append(edges[0])
             _by_heading(below, "Observed minus\ncurve (°)")
         figure.align_ylabels()
-        legend(figure, handles, columns=1)
+        page.legend(figure, handles, columns=1)
 
 
 def deviation_panel(axes: Axes, shown: StoredCalibration) -> list[Artist]:
@@ -109,17 +88,17 @@ def deviation_panel(axes: Axes, shown: StoredCalibration) -> list[Artist]:
     models = {name: model for name, model in content.get("models", {}).items() if "coefficients" in model}
     readings = {"recorded_deg", "deviation_deg"} <= set(points)
     if not (models or table.heading_deg.size or readings):
-        empty(axes, words="no readings")
+        page.empty(axes, words="no readings")
         return []
     handles, ends = list[Artist](), list[Floats]([np.zeros(1)])
     if readings:
         recorded, deviation = points["recorded_deg"], points["deviation_deg"]
         scatter, bar = content["uncertainty"]["rows"].get("fit_residual", {}).get("standard_deg"), ""
         if scatter is not None and len(recorded) <= MOST_BARS:
-            axes.errorbar(recorded, deviation, 2.0 * scatter, fmt="none", ecolor=GREY, elinewidth=0.8)
+            axes.errorbar(recorded, deviation, 2.0 * scatter, fmt="none", ecolor=page.GREY, elinewidth=0.8)
             bar = f", ±{2.0 * scatter:.2f}° (k = 2)"
         axes.plot(recorded, deviation, **_point(len(recorded)))
-        handles.append(Line2D([], [], **POINT, label=f"{len(recorded)} readings{bar}"))
+        handles.append(page.line(f"{len(recorded)} readings{bar}", **POINT))
         ends.append(np.percentile(deviation, (0.5, 99.5)) if len(recorded) > LOG else deviation)  # without spikes
     heading, middle, half = np.append(table.heading_deg, 360.0), table.deviation_deg, NORMAL_95 * table.sigma_deg
     ends += [middle - half, middle + half]
@@ -129,8 +108,8 @@ def deviation_panel(axes: Axes, shown: StoredCalibration) -> list[Artist]:
         axes.fill_between(heading[kept], (middle - half)[kept], (middle + half)[kept], **PALE_BAND)
         handles.append(Patch(**PALE_BAND, label="95 % interval, budget included"))
     if not models and table.heading_deg.size:
-        axes.plot(heading, np.append(table.deviation_deg, table.deviation_deg[0]), color=GREEN)
-        handles.append(Line2D([], [], color=GREEN, label=MODELS.get(content["model"], content["model"])))
+        axes.plot(heading, np.append(table.deviation_deg, table.deviation_deg[0]), color=page.GREEN)
+        handles.append(page.line(MODELS.get(content["model"], content["model"]), color=page.GREEN))
     for name in sorted(models, key=lambda name: name == content["model"]):  # the chosen one lies on top
         chosen = name == content["model"]
         recorded, off = _curve(name, models[name]["coefficients"], shown)
@@ -138,7 +117,7 @@ def deviation_panel(axes: Axes, shown: StoredCalibration) -> list[Artist]:
         look: dict[str, Any] = {"color": COLOURS[name], "linewidth": 1.8 if chosen else 1.0}
         look |= {} if chosen else {"linestyle": (0, (4, 1.5))}
         axes.plot(recorded, off, **look)
-        handles.append(Line2D([], [], **look, label=label + (" (used)" if chosen else "")))
+        handles.append(page.line(label + (" (used)" if chosen else ""), **look))
         ends += [off] if chosen else []
     low, high = float(np.nanmin(np.concatenate(ends))), float(np.nanmax(np.concatenate(ends)))
     room = max(0.08 * (high - low), 0.5)
@@ -159,7 +138,7 @@ def _curve(name: str, coefficients: Mapping[str, float], shown: StoredCalibratio
     # By the correct heading, as the recorded heading of a two-valued compass does not cover the full circle.
     recorded = compass.recorded_heading(numbers, turn)
     middle = float(angles.mean(shown.points["deviation_deg"])) if "deviation_deg" in shown.points else 0.0
-    off = nearest_turn(angles.difference(turn, recorded), angles.wrap180(middle))
+    off = page.nearest_turn(angles.difference(turn, recorded), angles.wrap180(middle))
     breaks = [np.abs(np.diff(x, append=x[-1])) > 180.0 for x in (recorded, off)]
     return recorded, np.where(breaks[0] | breaks[1], np.nan, off)
 
@@ -172,26 +151,28 @@ def _point(count: int) -> dict[str, Any]:
 def draw_compared(path: str | Path, shown: StoredCalibration) -> None:
     """Draw the series of several calibrations with their shift from the first (k = 2), and the readings of this one."""
     curves, points = [each for each in shown.content["compared"] if each["coefficients"]], shown.points
-    with page(path, 3.6) as figure:
+    with page.create(path, 3.6) as figure:
         axes, handles = figure.subplots(), list[Artist]()
-        for colour, each in zip(cycle((BLACK, SKY, ORANGE, GREEN, PURPLE, BLUE, VERMILION)), curves):
+        for colour, each in zip(
+            cycle((page.BLACK, page.SKY, page.ORANGE, page.GREEN, page.PURPLE, page.BLUE, page.VERMILION)), curves
+        ):
             letters = np.nan_to_num(np.array(list(each["coefficients"].values()), dtype=float))
             axes.plot(TURN_DEG, series_design(TURN_DEG) @ letters, color=colour)
             name, texts = textwrap.shorten(each["name"], 20, placeholder="…"), ["no phase"]
             if phase := each["phase_deg"]:
-                texts = [f"shift {signed(phase['shift'], '+.0f')}° ± {2.0 * phase['sigma']:.0f}°"]
+                texts = [f"shift {page.signed(phase['shift'], '+.0f')}° ± {2.0 * phase['sigma']:.0f}°"]
             if size := each["amplitude_deg"]:
-                texts.append(f"amplitude {signed(size['difference'], '+.1f')}° ± {2.0 * size['sigma']:.1f}°")
+                texts.append(f"amplitude {page.signed(size['difference'], '+.1f')}° ± {2.0 * size['sigma']:.1f}°")
             label = f"{name} (first)" if each is curves[0] else f"{name}: {', '.join(texts)}"
-            handles.append(Line2D([], [], color=colour, label=label))
+            handles.append(page.line(label, color=colour))
         if not curves:
-            empty(axes, words="no curves")
+            page.empty(axes, words="no curves")
             return
         if {"recorded_deg", "deviation_deg"} <= set(points):
             axes.plot(points["recorded_deg"], points["deviation_deg"], **_point(len(points["recorded_deg"])))
-            handles.append(Line2D([], [], **POINT, label="readings of the last"))
+            handles.append(page.line("readings of the last", **POINT))
         _by_heading(axes)
-        legend(figure, handles, columns=1)
+        page.legend(figure, handles, columns=1)
 
 
 def draw_certificate(path: str | Path, shown: StoredCalibration) -> None:
@@ -201,7 +182,7 @@ def draw_certificate(path: str | Path, shown: StoredCalibration) -> None:
     first = max(len(text.about), len(text.budget)) + 1  # line at which the table begins
     last = first + len(text.table) + 1
     height_in = LINE_IN * (last + len(text.notes) + 2)
-    with page(path, high + 0.7 + height_in, width_in=WIDE_IN, title=title) as figure:
+    with page.create(path, high + 0.7 + height_in, width_in=page.WIDE_IN, title=title) as figure:
         curve, below = figure.subplots(2, 1, height_ratios=(high, height_in))
         if handles := deviation_panel(curve, shown):
             curve.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
@@ -303,52 +284,52 @@ def _number(value: float | None, form: str) -> str:
 def draw_tilt(path: str | Path, calibration: StoredCalibration) -> None:
     """Draw the corrections of pitch and roll against the recorded tilt, with the curves and their 95 % band."""
     axes, points = calibration.content.get("axes", {}), calibration.points
-    with page(path, 3.0) as figure:
+    with page.create(path, 3.0) as figure:
         for k, (panel, axis) in enumerate(zip(figure.subplots(1, 2, sharey=True), ("pitch", "roll"), strict=True)):
             here, fit = points.get("axis", np.zeros(0)) == k, axes.get(axis, {})
             if "coefficients" not in fit:
-                empty(panel, words=f"{axis}: no curve")
+                page.empty(panel, words=f"{axis}: no curve")
                 continue
-            panel.axhline(0.0, color=BLACK, linewidth=0.6)
+            panel.axhline(0.0, color=page.BLACK, linewidth=0.6)
             low, high = fit["recorded_range_deg"]
             along = np.linspace(low, high, 101)
             design = np.vander(along, len(fit["coefficients"]), increasing=True)
             curve = design @ list(fit["coefficients"].values())
             variance = np.einsum("ni,ij,nj->n", design, np.array(fit["covariance"]), design) + fit["common_deg"] ** 2
             half = NORMAL_95 * np.sqrt(variance)
-            panel.fill_between(along, curve - half, curve + half, **BAND)
-            panel.plot(along, curve, color=GREEN)
+            panel.fill_between(along, curve - half, curve + half, **page.BAND)
+            panel.plot(along, curve, color=page.GREEN)
             panel.plot(points["recorded_tilt_deg"][here], points["correction_deg"][here], **POINT)
             panel.set_xlabel(f"Recorded {axis} (°)")
         figure.axes[0].set_ylabel("Correction (°)")
         handles = [
-            Line2D([], [], **POINT, label="reference minus recorded tilt"),
-            Line2D([], [], color=GREEN, label="fitted curve"),
-            Patch(**BAND, label="95 % interval, budget included"),
+            page.line("reference minus recorded tilt", **POINT),
+            page.line("fitted curve", color=page.GREEN),
+            Patch(**page.BAND, label="95 % interval, budget included"),
         ]
-        legend(figure, handles, columns=1)
+        page.legend(figure, handles, columns=1)
 
 
 def draw_magnetometer(path: str | Path, calibration: StoredCalibration) -> None:
     """Draw readings before and after calibration, the modulus against the heading, and the deviation."""
     points, table = calibration.points, calibration.table
     if not points:
-        with page(path, 1.0) as figure:
-            empty(figure.subplots(), words="nothing fitted")
+        with page.create(path, 1.0) as figure:
+            page.empty(figure.subplots(), words="nothing fitted")
         return
     rows = ["ab", "cc"]
     if "recorded_deg" in points or table.heading_deg.size:  # the correction needs the dip, or headings
         rows += ["dd"]
-    with page(path, 2.2 * len(rows)) as figure:
+    with page.create(path, 2.2 * len(rows)) as figure:
         panels = list(figure.subplot_mosaic("\n".join(rows), height_ratios=(1.1, 1, 1)[: len(rows)]).values())
         if calibration.content["field_is"] == "horizontal":
             _draw_level_plane(panels[0], calibration)
             if "z" in points:
-                panels[1].plot(points["recorded_deg"], points["z"], **_dots(RECORDED, len(points["z"])))
-                degrees(panels[1].xaxis, (0.0, 360.0))
+                panels[1].plot(points["recorded_deg"], points["z"], **_dots(page.RECORDED, len(points["z"])))
+                page.degrees(panels[1].xaxis, (0.0, 360.0))
                 panels[1].set(xlabel="Recorded heading γ (°)", ylabel=f"z {FILE_UNIT}")
             else:
-                empty(panels[1], words="no z")
+                page.empty(panels[1], words="no z")
         else:
             _draw_plane(panels[0], calibration, ("x", "y"))
             _draw_plane(panels[1], calibration, ("x", "z"))
@@ -357,15 +338,18 @@ def draw_magnetometer(path: str | Path, calibration: StoredCalibration) -> None:
             _draw_correction(panels[3], calibration)
         dot = DOT | {"markersize": 4.0}
         handles: list[Artist] = [
-            Line2D([], [], **dot, color=RECORDED, label="before"),
-            Line2D([], [], **dot, color=CORRECTED, label="after"),
-            Line2D([], [], color=VERMILION, linewidth=1.0, label=f"fitted {calibration.content['model']}"),
-            Line2D([], [], color=BLACK, linewidth=1.0, label="without iron"),
+            page.line("before", **dot, color=page.RECORDED),
+            page.line("after", **dot, color=page.CORRECTED),
+            page.line(f"fitted {calibration.content['model']}", color=page.VERMILION, linewidth=1.0),
+            page.line("without iron", color=page.BLACK, linewidth=1.0),
         ]
         if table.heading_deg.size:
-            handles += [Line2D([], [], color=GREEN, label="exact correction"), Patch(**BAND, label="95 % band")]
-            handles += [Line2D([], [], **SERIES, label="five-term series")]
-        legend(figure, handles)
+            handles += [
+                page.line("exact correction", color=page.GREEN),
+                Patch(**page.BAND, label="95 % band"),
+            ]
+            handles += [page.line("five-term series", **SERIES)]
+        page.legend(figure, handles)
 
 
 def _draw_level_plane(axes: Axes, calibration: StoredCalibration) -> None:
@@ -393,12 +377,12 @@ def _draw_plane(axes: Axes, calibration: StoredCalibration, names: tuple[str, st
 
 
 def _draw_field(axes: Axes, readings: Sequence[Floats], outlines: Sequence[Floats], names: tuple[str, str]) -> None:
-    for field, colour in zip(readings, (RECORDED, CORRECTED), strict=True):
+    for field, colour in zip(readings, (page.RECORDED, page.CORRECTED), strict=True):
         axes.plot(*field, **_dots(colour, field.shape[1]))
-    for outline, colour in zip(outlines, (VERMILION, BLACK), strict=True):
+    for outline, colour in zip(outlines, (page.VERMILION, page.BLACK), strict=True):
         axes.plot(*outline, color=colour, linewidth=1.0)
     for line in (axes.axhline, axes.axvline):
-        line(0.0, color=BLACK, linewidth=0.4)
+        line(0.0, color=page.BLACK, linewidth=0.4)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel=f"{names[0]} {FILE_UNIT}", ylabel=f"{names[1]} {FILE_UNIT}")
 
@@ -406,9 +390,9 @@ def _draw_field(axes: Axes, readings: Sequence[Floats], outlines: Sequence[Float
 def _draw_modulus(axes: Axes, calibration: StoredCalibration) -> None:
     """Draw the departure of the modulus from its mean, percent, against the heading if there is one."""
     points = calibration.points
-    axes.axhline(0.0, color=BLACK, linewidth=0.7)
+    axes.axhline(0.0, color=page.BLACK, linewidth=0.7)
     axes.set(xlabel="Reading", ylabel=f"{calibration.content['field_is'].capitalize()} modulus\noff its mean (%)")
-    looks = (("modulus", "recorded_deg", RECORDED), ("modulus_corrected", "corrected_deg", CORRECTED))
+    looks = (("modulus", "recorded_deg", page.RECORDED), ("modulus_corrected", "corrected_deg", page.CORRECTED))
     for column, heading, colour in looks:
         off = 100.0 * (points[column] / points[column].mean() - 1.0)
         along = points.get(heading, np.arange(len(off), dtype=float))
@@ -418,7 +402,7 @@ def _draw_modulus(axes: Axes, calibration: StoredCalibration) -> None:
             count, total = (np.bincount(sector, weights, minlength=36) for weights in (None, off))
             middle = angles.SECTOR_DEG * (np.arange(36) + 0.5)
             axes.plot(middle, np.where(count >= 3, total / np.maximum(count, 1), np.nan), color=colour)
-            degrees(axes.xaxis, (0.0, 360.0))
+            page.degrees(axes.xaxis, (0.0, 360.0))
             axes.set_xlabel("Heading, recorded or corrected (°)")
 
 
@@ -427,12 +411,12 @@ def _draw_correction(axes: Axes, calibration: StoredCalibration) -> None:
     points, table = calibration.points, calibration.table
     if "recorded_deg" in points:
         recorded, deviation = points["recorded_deg"], points["deviation_deg"]
-        axes.plot(recorded, deviation, **_dots(CORRECTED, len(recorded)))
+        axes.plot(recorded, deviation, **_dots(page.CORRECTED, len(recorded)))
     if table.heading_deg.size:
         heading, value, sigma = (np.append(v, v[0]) for v in (table.heading_deg, table.deviation_deg, table.sigma_deg))
         heading[-1] = 360.0
-        axes.fill_between(heading, value - NORMAL_95 * sigma, value + NORMAL_95 * sigma, **BAND)
-        axes.plot(heading, value, color=GREEN)
+        axes.fill_between(heading, value - NORMAL_95 * sigma, value + NORMAL_95 * sigma, **page.BAND)
+        axes.plot(heading, value, color=page.GREEN)
         axes.plot(
             TURN_DEG, series_deviation(np.array([*calibration.content["coefficients"].values()]), TURN_DEG), **SERIES
         )
@@ -447,11 +431,11 @@ def _dots(colour: str, count: int) -> dict[str, Any]:
 def draw_series(path: str | Path, calibration: StoredCalibration) -> None:
     """Draw the observed declination, the model, the model plus a constant, and the quiet-day variation added to it."""
     quiet = calibration.content["quiet_day"] if calibration.points else None
-    with page(path, 4.8 if quiet else 3.2) as figure:
+    with page.create(path, 4.8 if quiet else 3.2) as figure:
         ratios = (1.5, 1.0) if quiet else (1.0,)
         top, *below = figure.subplots(len(ratios), 1, squeeze=False, height_ratios=ratios)[:, 0]
         if not calibration.points:
-            empty(top)
+            page.empty(top)
             return
         points, constant = calibration.points, calibration.content["constant_deg"]
         model, sigma = (
@@ -459,15 +443,15 @@ def draw_series(path: str | Path, calibration: StoredCalibration) -> None:
             NORMAL_95 * calibration.content["constant_sigma_deg"],
         )
         lines: dict[str, tuple[Floats, dict[str, Any]]] = {
-            "observed": (points["declination_deg"], {"color": BLACK, "linewidth": 0.8}),
+            "observed": (points["declination_deg"], {"color": page.BLACK, "linewidth": 0.8}),
             model: (points["model_deg"], MODEL),
         }
         if quiet and calibration.content["days"] <= 10:  # else it cannot be seen
             varying = points["model_deg"] + constant + points["quiet_day_deg"]
-            lines["with the quiet-day variation"] = (varying, {"color": SKY, "linewidth": 1.0})
-        label = f"{model} {signed(constant, '+.3f')}° ± {sigma:.3f}° (95 %)"
-        lines[label] = (points["model_deg"] + constant, {"color": GREEN, "linewidth": 1.2})
-        gaps, handles = find_gaps(points["time_s"]), list[Artist]()
+            lines["with the quiet-day variation"] = (varying, {"color": page.SKY, "linewidth": 1.0})
+        label = f"{model} {page.signed(constant, '+.3f')}° ± {sigma:.3f}° (95 %)"
+        lines[label] = (points["model_deg"] + constant, {"color": page.GREEN, "linewidth": 1.2})
+        gaps, handles = page.find_gaps(points["time_s"]), list[Artist]()
         days = np.insert(points["time_s"] / DAY_S, gaps, np.nan)
         for label, (values, look) in lines.items():
             handles += top.plot(days, np.insert(values, gaps, np.nan), **look, label=label)
@@ -480,10 +464,10 @@ def draw_series(path: str | Path, calibration: StoredCalibration) -> None:
             handles.append(Patch(label=f"storm: {len(storms)}, largest range {largest:.1f}°", **STORM))
         top.margins(x=0.01)
         top.set_ylabel("Declination (° east)")
-        dates(top)
+        page.dates(top)
         for axes in below:
             by_hour = np.array(calibration.content["quiet_day"]["by_hour_deg"])
-            axes.plot(np.arange(24) + 0.5, by_hour, color=SKY, marker="o", markersize=3)
-            axes.axhline(0.0, color=BLACK, linewidth=0.6)
+            axes.plot(np.arange(24) + 0.5, by_hour, color=page.SKY, marker="o", markersize=3)
+            axes.axhline(0.0, color=page.BLACK, linewidth=0.6)
             axes.set(xlim=(0, 24), xticks=range(0, 25, 3), xlabel="Hour (UTC)", ylabel="Quiet day (°)")
-        legend(figure, handles, columns=1)
+        page.legend(figure, handles, columns=1)

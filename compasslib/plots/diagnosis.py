@@ -1,7 +1,5 @@
 """Figures of a diagnosis: residuals by covariate, sizes of the effects on held-out days, heading errors."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import NormalDist
@@ -15,20 +13,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from compasslib.inference import wording
-from compasslib.plots.page import (
-    BLACK,
-    CORRECTED,
-    GAP,
-    GREY,
-    RECORDED,
-    VERMILION,
-    Rows,
-    dates,
-    degrees,
-    empty,
-    legend,
-    page,
-)
+from compasslib.plots import page
 from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import DAY_S, HOUR_S, Floats
 
@@ -41,17 +26,16 @@ NAMES_OF_CALIBRATIONS = {
     "heading": "Heading", "time": "Time since the start (h)", "reading": "Number of the reading",
     "turn_rate": "Rate of turn",
 }  # fmt: skip
-BEFORE: dict[str, Any] = {"color": RECORDED, "marker": "o", "markersize": 3.0, "linestyle": ""}
-AFTER: dict[str, Any] = {"color": CORRECTED, "marker": "s", "markersize": 3.0, "linestyle": ""}
-EFFECT: dict[str, Any] = {"color": BLACK, "linewidth": 1.0}
-DATE: dict[str, Any] = {"color": BLACK, "linestyle": ":", "linewidth": 1.0}
+BEFORE: dict[str, Any] = {"color": page.RECORDED, "marker": "o", "markersize": 3.0, "linestyle": ""}
+AFTER: dict[str, Any] = {"color": page.CORRECTED, "marker": "s", "markersize": 3.0, "linestyle": ""}
+EFFECT: dict[str, Any] = {"color": page.BLACK, "linewidth": 1.0}
+DATE: dict[str, Any] = {"color": page.BLACK, "linestyle": ":", "linewidth": 1.0}
 SIZES: tuple[tuple[dict[str, Any], str], ...] = (
-    ({"color": BLACK, "marker": "|", "markersize": 7.0, "linestyle": ""}, "size on held-out days, 95 %"),
-    ({"color": BLACK, "marker": "o", "markersize": 5.0, "mfc": "none", "linestyle": ""}, "as other days predict"),
-    ({"color": VERMILION, "marker": "D", "markersize": 4.0, "linestyle": ""}, "heading error without it"),
+    ({"color": page.BLACK, "marker": "|", "markersize": 7.0, "linestyle": ""}, "size on held-out days, 95 %"),
+    ({"color": page.BLACK, "marker": "o", "markersize": 5.0, "mfc": "none", "linestyle": ""}, "as other days predict"),
+    ({"color": page.VERMILION, "marker": "D", "markersize": 4.0, "linestyle": ""}, "heading error without it"),
 )
-NOISE: dict[str, Any] = {"color": GREY, "alpha": 0.25, "linewidth": 0}
-LEFT_OUT: dict[str, Any] = {"color": CORRECTED, "alpha": 0.25, "linewidth": 0}
+NOISE: dict[str, Any] = {"color": page.GREY, "alpha": 0.25, "linewidth": 0}
 
 
 def count_outside(diagnosis: Mapping[str, Any]) -> tuple[int, int, int]:
@@ -71,12 +55,12 @@ def draw_diagnosis(path: str | Path, diagnosis: Mapping[str, Any], *, dated: boo
     said = (NAMES, wording.UNITS) if dated else (NAMES_OF_CALIBRATIONS, wording.UNITS_OF_CALIBRATIONS)
     curves = _shown(diagnosis)
     proven = [entry for entry in diagnosis["findings"] if entry.get("heldout")]
-    short = Rows([_short(entry) for entry in proven])
+    short = page.Rows([_short(entry) for entry in proven])
     heights = [1.9] * len(curves) + [0.6 + short.height_in] * bool(proven)
-    with page(path, sum(heights or [1.0]) + 0.4) as figure:
+    with page.create(path, sum(heights or [1.0]) + 0.4) as figure:
         panels = list(figure.subplots(max(len(heights), 1), 1, height_ratios=heights or None, squeeze=False)[:, 0])
         if not heights:
-            empty(panels[0], words="no effect identified")
+            page.empty(panels[0], words="no effect identified")
         marked: list[Line2D] = []
         for curve in curves:
             axes = panels.pop(0)
@@ -90,17 +74,17 @@ def draw_diagnosis(path: str | Path, diagnosis: Mapping[str, Any], *, dated: boo
         sized = [entry for entry in proven if entry["heldout"].get("amplitude_deg")]
         if proven:
             (_sizes if len(sized) == len(proven) else _held_out)(panels.pop(0), proven, short)
-        handles = [Line2D([], [], **AFTER, label="residual of the fit")]
+        handles = [page.line("residual of the fit", **AFTER)]
         if diagnosis["findings"]:
-            handles = [Line2D([], [], **BEFORE, label="without correction")]
-            handles.append(Line2D([], [], **AFTER, label="with correction"))
-            handles += [Line2D([], [], **EFFECT, label="identified effect")] if curves else []
-        handles += [Line2D([], [], **DATE, label="date of the change")] if marked else []
+            handles = [page.line("without correction", **BEFORE)]
+            handles.append(page.line("with correction", **AFTER))
+            handles += [page.line("identified effect", **EFFECT)] if curves else []
+        handles += [page.line("date of the change", **DATE)] if marked else []
         noise = [Patch(**NOISE, label="95 % range of noise")] if curves else []
         if any(entry["heldout"].get("slope") for entry in proven):
-            noise.append(Patch(**LEFT_OUT, label="slope of held-out days, 95 %"))
-        of_sizes = [Line2D([], [], **look, label=label) for look, label in SIZES] if proven and sized == proven else []
-        legend(figure, [*handles, *noise, *of_sizes] if curves or proven else [])
+            noise.append(Patch(**page.SHADE, label="slope of held-out days, 95 %"))
+        of_sizes = [page.line(label, **look) for look, label in SIZES] if proven and sized == proven else []
+        page.legend(figure, [*handles, *noise, *of_sizes] if curves or proven else [])
 
 
 def _along_time(curve: Mapping[str, Any]) -> bool:
@@ -108,28 +92,25 @@ def _along_time(curve: Mapping[str, Any]) -> bool:
 
 
 def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float, *, dated: bool) -> None:
-    """Draw the binned residual without and with correction, the correction between them, and the range of noise.
-
-    Curve and range are interrupted at gaps between bins, which contain no data.
-    """
+    """Draw the binned residual without and with correction, the correction, and the range of noise, cut at gaps."""
     x, before, after, sigma = _columns(curve)
     covariate = curve["covariate"]
     if _along_time(curve) and dated:
-        dates(axes, (x[0], x[-1]))
+        page.dates(axes, (x[0], x[-1]))
         x = x / DAY_S
     elif covariate == "time":
         x = (x - x[0]) / HOUR_S
     half, step = reach * sigma, np.diff(x)
     # A bin extends half-way to its neighbours, and less far into a gap.
-    reached, edge = np.minimum(step, GAP * np.median(step)) / 2.0, np.median(step) / 2.0
+    reached, edge = np.minimum(step, page.GAP * np.median(step)) / 2.0, np.median(step) / 2.0
     low, high = x - np.insert(reached, 0, edge), x + np.append(reached, edge)
     axes.bar(low, 2.0 * half, high - low, -half, align="edge", **NOISE)
     sized = sigma <= 10.0 * np.median(sigma)  # bins that say nothing do not set the scale
     largest = max(float(np.max(np.abs(values[sized]))) for values in (before, after, half))
     axes.set_ylim(-1.1 * largest, 1.1 * largest)
-    axes.axhline(0.0, color=GREY, linewidth=0.6)
+    axes.axhline(0.0, color=page.GREY, linewidth=0.6)
     if np.any(before != after):
-        apart = np.flatnonzero(np.diff(x) > GAP * np.median(np.diff(x))) + 1
+        apart = np.flatnonzero(np.diff(x) > page.GAP * np.median(np.diff(x))) + 1
         if covariate.startswith(wording.TURN_PREFIX):  # line of equality
             axes.plot(x, x, **EFFECT)
         else:
@@ -143,7 +124,7 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float, *,
     if label:
         axes.set_xlabel(label)
     if covariate == "heading":
-        degrees(axes.xaxis, (0.0, 360.0))
+        page.degrees(axes.xaxis, (0.0, 360.0))
 
 
 def _follow(axes: Axes, curve: Mapping[str, Any], proven: Sequence[Mapping[str, Any]]) -> None:
@@ -154,8 +135,8 @@ def _follow(axes: Axes, curve: Mapping[str, Any], proven: Sequence[Mapping[str, 
     texts, proof = [], of_it[0]["heldout"]
     if slope := proof.get("slope"):
         x = np.array([min(curve["centre"]), 0.0, max(curve["centre"])])
-        axes.fill_between(x, slope["low"] * x, slope["high"] * x, **LEFT_OUT)
-        axes.plot(x, slope["value"] * x, color=CORRECTED, linewidth=1.0)
+        axes.fill_between(x, slope["low"] * x, slope["high"] * x, **page.SHADE)
+        axes.plot(x, slope["value"] * x, color=page.CORRECTED, linewidth=1.0)
         texts.append("slope {value:.2f} ({low:.2f} to {high:.2f})".format(**slope).replace("-", "−"))
     if (proof.get("placebo") or {}).get("rank_p") is not None:
         texts.append(f"{wording.rank_text(proof['placebo'])} simulations without it")
@@ -188,31 +169,30 @@ def _band_sigmas(curves: Sequence[Mapping[str, Any]]) -> float:
     return NormalDist().inv_cdf(0.5 + 0.5 * 0.95 ** (1.0 / max(bins, 1)))
 
 
-def _sizes(axes: Axes, findings: Sequence[Mapping[str, Any]], rows: Rows) -> None:
+def _sizes(axes: Axes, findings: Sequence[Mapping[str, Any]], rows: page.Rows) -> None:
     """Draw the size of each effect on held-out days and as predicted by others, and the heading error without it."""
     sizes = [entry["heldout"]["amplitude_deg"] for entry in findings]
-    axes.hlines(rows.places, [x["low"] for x in sizes], [x["high"] for x in sizes], color=BLACK, linewidth=1.3)
+    axes.hlines(rows.places, [x["low"] for x in sizes], [x["high"] for x in sizes], color=page.BLACK, linewidth=1.3)
     without = [entry.get("heading_error_without_deg") for entry in findings]
     series = ([x["held_out"] for x in sizes], [x["fitted_elsewhere"] for x in sizes], without)
     for (look, _), values, shift in zip(SIZES, series, (0.0, 0.2, -0.2), strict=True):
         axes.plot(np.array(values, dtype=float), np.asarray(rows.places) + shift, **look)
-    axes.axvline(0.0, color=GREY, linewidth=0.6)
+    axes.axvline(0.0, color=page.GREY, linewidth=0.6)
     rows.name(axes)
     axes.set_xlabel("Size (° rms)")
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.margins(0.08, 0.3)
 
 
-def _held_out(axes: Axes, findings: Sequence[Mapping[str, Any]], rows: Rows) -> None:
+def _held_out(axes: Axes, findings: Sequence[Mapping[str, Any]], rows: page.Rows) -> None:
     """Draw the rms residual on held-out data, without and with each identified effect."""
     before, after = ([entry["heldout"][f"rms_{key}_deg"] for entry in findings] for key in ("before", "after"))
-    axes.hlines(rows.places, before, after, color=BLACK, linewidth=1.0)
+    axes.hlines(rows.places, before, after, color=page.BLACK, linewidth=1.0)
     axes.plot(before, rows.places, **BEFORE)
     axes.plot(after, rows.places, **AFTER)
     rows.name(axes)
-    axes.set_xlabel("Rms residual, held-out data (°)")
+    axes.set(xlabel="Rms residual, held-out data (°)", xlim=(0.0, 1.15 * max([*before, *after, 1e-9])))
     axes.xaxis.set_major_locator(MaxNLocator(4))
-    axes.set_xlim(0.0, 1.15 * max([*before, *after, 1e-9]))
 
 
 def _short(entry: Mapping[str, Any]) -> str:
@@ -237,19 +217,16 @@ def draw_errors(
     path: str | Path, time_s: Floats, fit_deg: Floats, corrected_deg: Floats, sigma_deg: Floats,
     dates_utc: Sequence[str | None], reach_deg: float,
 ) -> None:  # fmt: skip
-    """Draw heading errors of the fitted coefficients alone and of the corrected headings, with the stated 95 % range.
-
-    Dates of true changes are marked; errors larger than ``reach_deg`` are drawn at the edge of the vertical axis.
-    """
+    """Draw heading errors by the fitted coefficients alone and as corrected, and the dates of true changes."""
     day, half = time_s / DAY_S, NORMAL_95 * sigma_deg
     marks = [np.datetime64(date).astype("datetime64[s]").astype(float) / DAY_S for date in dates_utc if date]
     beyond = np.abs(corrected_deg) > half
-    with page(path, 4.2) as figure:
+    with page.create(path, 4.2) as figure:
         panels = figure.subplots(2, 1, sharex=True, sharey=True)
         panels[0].plot(day, np.clip(fit_deg, -reach_deg, reach_deg), color="#555555", **ERROR, markersize=1.5)
         panels[0].set_title("coefficients alone")
-        panels[1].fill_between(day, -half, half, color=CORRECTED, alpha=0.25, linewidth=0)
-        for here, colour in ((~beyond, CORRECTED), (beyond, VERMILION)):
+        panels[1].fill_between(day, -half, half, **page.SHADE)
+        for here, colour in ((~beyond, page.CORRECTED), (beyond, page.VERMILION)):
             panels[1].plot(
                 day[here], np.clip(corrected_deg[here], -reach_deg, reach_deg), color=colour, **ERROR, markersize=1.5
             )
@@ -258,11 +235,11 @@ def draw_errors(
             axes.axhline(0.0, color="#444444", linewidth=0.5)
             axes.set_ylabel("Heading error (°)")
             for mark in marks:
-                axes.axvline(mark, color=BLACK, linestyle=":")
+                axes.axvline(mark, color=page.BLACK, linestyle=":")
         panels[1].set_ylim(-1.05 * reach_deg, 1.05 * reach_deg)
-        dates(panels[1], (float(time_s[0]), float(time_s[-1])))
-        handles: list[Artist] = [Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="stated 95 % range")]
+        page.dates(panels[1], (float(time_s[0]), float(time_s[-1])))
+        handles: list[Artist] = [Patch(**page.SHADE, label="stated 95 % range")]
         if beyond.any():
-            handles.append(Line2D([], [], color=VERMILION, **ERROR, markersize=3.0, label="errors outside it"))
-        handles += [Line2D([], [], color=BLACK, linestyle=":", label="true change")] if marks else []
-        legend(figure, handles)
+            handles.append(page.line("errors outside it", color=page.VERMILION, **ERROR, markersize=3.0))
+        handles += [page.line("true change", color=page.BLACK, linestyle=":")] if marks else []
+        page.legend(figure, handles)

@@ -5,8 +5,6 @@ A new figure is a function in this package and a row here. A row is read without
 
 # ruff: noqa: E501, RUF100 - captions are not wrapped
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

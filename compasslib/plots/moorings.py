@@ -1,7 +1,5 @@
 """Figures of moorings: array, deviations, differences from the reference, currents, rotary spectra."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,30 +8,14 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.artist import Artist
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from compasslib import angles
-from compasslib.archive.summary import DepthSeries
+from compasslib.archive.gridded import DepthSeries
 from compasslib.deviation.assessment import BIN_DEG, BINS
 from compasslib.deviation.model import DeviationFit
+from compasslib.plots import page
 from compasslib.plots.deviation import GIVEN_UP, deviation_curve
-from compasslib.plots.page import (
-    BLACK,
-    BLUE,
-    CM,
-    COLOURS,
-    CORRECTED,
-    GREY,
-    RECORDED,
-    VERMILION,
-    WIDE_IN,
-    Rows,
-    degrees,
-    empty,
-    legend,
-    page,
-)
 from compasslib.plots.timeseries import round_down
 from compasslib.statistics.noise import rotary_spectrum
 from compasslib.types import Complexes, Floats
@@ -51,10 +33,7 @@ class AssessedMooring:
 
 
 def draw_curves(path: str | Path, moorings: list[AssessedMooring]) -> None:
-    """Draw the deviation of each mooring's compass by correct heading, where it can be inverted.
-
-    Each mooring has a panel, with the others in grey; more than ``NAMED`` moorings share one panel.
-    """
+    """Draw the deviation of each mooring's compass by correct heading, few moorings in panels of their own."""
     curves = {}
     for mooring in (mooring for mooring in moorings if mooring.fit.fitted):
         fitted = deviation_curve(mooring.fit, 0.0, np.zeros(0))
@@ -64,25 +43,25 @@ def draw_curves(path: str | Path, moorings: list[AssessedMooring]) -> None:
     names = list(curves) if 0 < len(curves) <= NAMED else [""]
     columns = min(len(names), 4)
     rows = -(-len(names) // columns)
-    with page(path, 0.6 + (1.4 * rows if columns > 1 else 2.8), width_in=WIDE_IN) as figure:
+    with page.create(path, 0.6 + (1.4 * rows if columns > 1 else 2.8), width_in=page.WIDE_IN) as figure:
         panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
         for axes, name in zip(panels.flat, names, strict=False):
-            degrees(axes.xaxis, (0.0, 360.0))
+            page.degrees(axes.xaxis, (0.0, 360.0))
             axes.grid(alpha=0.3, linewidth=0.5)
-            axes.axhline(0.0, color=BLACK, linewidth=0.7)
+            axes.axhline(0.0, color=page.BLACK, linewidth=0.7)
             for k, (other, curve) in enumerate(curves.items()):
-                colour = GREY if name else colormaps["viridis"](k / len(curves))
+                colour = page.GREY if name else colormaps["viridis"](k / len(curves))
                 if other != name:
                     axes.plot(*curve, color=colour, linewidth=0.6, alpha=0.6)
             if name:
-                axes.plot(*curves[name], color=BLUE, linewidth=1.5)
+                axes.plot(*curves[name], color=page.BLUE, linewidth=1.5)
                 axes.set_title(name)
         for axes in panels.flat[max(len(names) - columns, 0) : len(names)]:
             axes.tick_params(labelbottom=True)  # the lowest of its column
         for axes in panels.flat[len(names) :]:
             axes.remove()
         if not curves:
-            empty(panels[0, 0])
+            page.empty(panels[0, 0])
         figure.supxlabel("Correct heading β (° magnetic)", fontsize=8.0)
         figure.supylabel("Deviation β − γ (°)", fontsize=8.0)
 
@@ -91,38 +70,36 @@ def draw_differences(path: str | Path, moorings: list[AssessedMooring]) -> None:
     """Draw histograms and rms of each mooring's held-out differences from the reference, before and after."""
     shown = [mooring for mooring in moorings if mooring.assessment["before"]["n"]]
     names = [mooring.name for mooring in shown] if len(shown) <= NAMED else [""] * len(shown)
-    rows = Rows(names)
+    rows = page.Rows(names)
     panel = 2.0 * rows.height_in if len(shown) <= NAMED else 5.0
-    with page(path, 0.9 + max(panel, 0.8), width_in=WIDE_IN) as figure:
+    with page.create(path, 0.9 + max(panel, 0.8), width_in=page.WIDE_IN) as figure:
         axes, intervals = figure.subplots(1, 2, width_ratios=(3.0, 1.0), sharey=True)
-        degrees(axes.xaxis, (-180.0, 180.0), as_is=True)
-        axes.set_xlabel("Affected minus reference, held out pairs (°)")
-        intervals.set_xlabel("Rms, 95 % (°)")
-        axes.set_title("difference")
-        intervals.set_title("rms")
+        page.degrees(axes.xaxis, (-180.0, 180.0), as_is=True)
+        axes.set(xlabel="Affected minus reference, held out pairs (°)", title="difference")
+        intervals.set(xlabel="Rms, 95 % (°)", title="rms")
         if not shown:
-            empty(axes, intervals)
+            page.empty(axes, intervals)
             return
         edges = -180.0 + BIN_DEG * np.arange(BINS + 1)
         for place, mooring in zip(rows.places, shown, strict=True):
             base = place + 0.5
             tallest = max(_shares(mooring, when).max() for when in ("before", "after"))
-            for when, colour, shift in (("before", RECORDED, -0.12), ("after", CORRECTED, 0.12)):
+            for when, colour, shift in (("before", page.RECORDED, -0.12), ("after", page.CORRECTED, 0.12)):
                 top = base - 0.95 * _shares(mooring, when) / max(tallest, 1e-9)
                 axes.stairs(top, edges, baseline=base, color=colour)
                 if mooring.assessment[when]["n"]:
                     low, end = mooring.assessment[when]["interval_95"]["rms_deg"]
                     intervals.plot([low, end], [place + shift] * 2, color=colour)
                     intervals.plot(mooring.assessment[when]["rms_deg"], place + shift, "o", color=colour, markersize=3)
-        axes.axvline(0.0, color=BLACK, linewidth=0.7)
+        axes.axvline(0.0, color=page.BLACK, linewidth=0.7)
         intervals.set_xlim(left=0.0)
         intervals.grid(axis="x", alpha=0.3, linewidth=0.5)
         intervals.tick_params(left=False)
         rows.name(axes)
         if len(shown) > NAMED:
             axes.tick_params(left=False, labelleft=False)
-        words = {"before": RECORDED, "after": CORRECTED}
-        legend(figure, [Line2D([], [], color=colour, label=when) for when, colour in words.items()])
+        words = {"before": page.RECORDED, "after": page.CORRECTED}
+        page.legend(figure, [page.line(when, color=colour) for when, colour in words.items()])
 
 
 def _shares(mooring: AssessedMooring, when: str) -> Floats:
@@ -135,8 +112,8 @@ def draw_currents(path: str | Path, moorings: list[AssessedMooring]) -> None:
     """Draw each mooring's mean current and variance ellipse at the pairs, recorded, corrected and of the reference."""
     outlines = [(m.name, outlined) for m in moorings if (outlined := _outline_currents(m.assessment["currents"]))]
     if not outlines:
-        with page(path, 1.5, width_in=WIDE_IN) as figure:
-            empty(figure.subplots())
+        with page.create(path, 1.5, width_in=page.WIDE_IN) as figure:
+            page.empty(figure.subplots())
         return
     corners = [np.concatenate([[0.0], *(z[np.isfinite(z)] for z in outlined.values())]) for _, outlined in outlines]
     middles = [complex(np.ptp(z.real) / 2.0 + z.real.min(), np.ptp(z.imag) / 2.0 + z.imag.min()) for z in corners]
@@ -145,7 +122,7 @@ def draw_currents(path: str | Path, moorings: list[AssessedMooring]) -> None:
     high += named * 0.15 * wide
     columns = min(len(outlines), 5 if named else 12)
     lines, across = -(-len(outlines) // columns), max(columns, 3)
-    with page(path, 0.5 + WIDE_IN / across * high / wide * lines, width_in=WIDE_IN) as figure:
+    with page.create(path, 0.5 + page.WIDE_IN / across * high / wide * lines, width_in=page.WIDE_IN) as figure:
         axes = figure.subplots()
         axes.set_axis_off()
         axes.set_aspect("equal")
@@ -155,17 +132,17 @@ def draw_currents(path: str | Path, moorings: list[AssessedMooring]) -> None:
                 points = cell - middle + outline
                 below = series == "reference"
                 look: dict[str, Any] = {"linewidth": 3.5, "alpha": 0.6} if below else {"linewidth": 1.2}
-                axes.plot(points.real, points.imag, color=COLOURS[series], **look)
+                axes.plot(points.real, points.imag, color=page.COLOURS[series], **look)
             axes.plot((cell - middle).real, (cell - middle).imag, "k+", markersize=6)
             if named:
                 axes.text(cell.real, cell.imag + 0.45 * high, name, ha="center", va="center")
         axes.set_xlim(wide * (columns - across - 1) / 2.0, wide * (columns + across - 1) / 2.0)
         axes.set_ylim(high * (0.5 - lines) - 0.15 * wide, high * 0.5)
         scale, left = round_down(wide / 3.0), axes.get_xlim()[0]
-        axes.plot([left, left + scale], [high * (0.5 - lines) - 0.1 * wide] * 2, color=BLACK)
-        handles = [Line2D([], [], color=COLOURS[name], label=name) for name in SERIES]
-        handles.append(Line2D([], [], color=BLACK, label=f"{scale:g} cm/s; north is up"))
-        legend(figure, handles, columns=4)
+        axes.plot([left, left + scale], [high * (0.5 - lines) - 0.1 * wide] * 2, color=page.BLACK)
+        handles = [page.line(name, color=page.COLOURS[name]) for name in SERIES]
+        handles.append(page.line(f"{scale:g} cm/s; north is up", color=page.BLACK))
+        page.legend(figure, handles, columns=4)
 
 
 def _outline_currents(currents: Mapping[str, Any]) -> dict[str, Complexes]:
@@ -175,14 +152,14 @@ def _outline_currents(currents: Mapping[str, Any]) -> dict[str, Complexes]:
     for name in ("reference", "recorded", "corrected"):
         if (current := currents[name]) is None:
             continue
-        mean = CM * complex(current["east_m_s"], current["north_m_s"])
+        mean = page.CM * complex(current["east_m_s"], current["north_m_s"])
         along = angles.phasor(90.0 - (current["major_towards_deg"] or 0.0))
-        ellipse = CM * along * (current["major_m_s"] * turn.real + 1j * current["minor_m_s"] * turn.imag)
+        ellipse = page.CM * along * (current["major_m_s"] * turn.real + 1j * current["minor_m_s"] * turn.imag)
         outlines[name] = np.concatenate([[0.0, mean, complex(np.nan, np.nan)], mean + ellipse])
     return outlines
 
 
-ROLES = {"affected": VERMILION, "reference": BLUE, "other": GREY}
+ROLES = {"affected": page.VERMILION, "reference": page.BLUE, "other": page.GREY}
 SERIES = ("recorded", "corrected", "reference")
 MARKERS = {"up": "^", "down": "v", None: "o"}
 
@@ -194,27 +171,28 @@ def draw_rotary(path: str | Path, series: DepthSeries) -> None:
     sidereal_cpd = 1.00273791  # turns of the earth in a day, the frequency of K1
     inertial_cpd = 2.0 * abs(float(angles.sin_cos(series.latitude)[0])) * sidereal_cpd
     marks = {"K1": sidereal_cpd, "M2": 24.0 / 12.4206, "f": inertial_cpd}  # cycles per day
-    with page(path, 4.4) as figure:
+    with page.create(path, 4.4) as figure:
         panels = figure.subplots(2, 1, sharex=True, sharey=True)
         if not known:
-            empty(*panels, words="no 15 days without a gap")
+            page.empty(*panels, words="no 15 days without a gap")
             return
         for axes, sense in zip(panels, ("clockwise", "counterclockwise"), strict=True):
             for name in (name for name in SERIES if name in known):
-                density = CM**2 * getattr(known[name], sense)
-                axes.loglog(known[name].frequency_cpd, density, color=COLOURS[name], linewidth=1.0)
+                density = page.CM**2 * getattr(known[name], sense)
+                axes.loglog(known[name].frequency_cpd, density, color=page.COLOURS[name], linewidth=1.0)
             for frequency in marks.values():
                 axes.axvline(frequency, color="#444444", linewidth=0.5, linestyle=":")
             axes.minorticks_off()  # each takes as long as a line
             axes.xaxis.set_major_formatter("{x:g}")
             axes.yaxis.set_major_formatter("{x:g}")
-            axes.set_title(sense.capitalize())
-            axes.set_ylabel("Density ((cm/s)²/cpd)")
+            axes.set(title=sense.capitalize(), ylabel="Density ((cm/s)²/cpd)")
         low, high = np.array([known[name].interval for name in known]).T
-        floor = CM**2 * min(float(np.nanmin(each.clockwise)) for each in known.values())
+        floor = page.CM**2 * min(float(np.nanmin(each.clockwise)) for each in known.values())
         at = floor * np.array([low.min(), 1.0, high.max()]) * 3.0
         left = 1.3 * min(float(each.frequency_cpd[0]) for each in known.values())
-        panels[0].errorbar(left, at[1], [[at[1] - at[0]], [at[2] - at[1]]], color=BLACK, capsize=2.0, linewidth=0.8)
+        panels[0].errorbar(
+            left, at[1], [[at[1] - at[0]], [at[2] - at[1]]], color=page.BLACK, capsize=2.0, linewidth=0.8
+        )
         panels[0].annotate("95 %", (left, at[1]), xytext=(4.0, 0.0), textcoords="offset points", va="center")
         for name, frequency in marks.items():
             side = {"ha": "right", "xytext": (-2.0, -1.0)} if name == "f" else {"xytext": (2.0, -1.0)}
@@ -222,7 +200,7 @@ def draw_rotary(path: str | Path, series: DepthSeries) -> None:
             panels[int(name == "f")].annotate(name, (frequency, 1.0), xycoords=("data", "axes fraction"), **place)
         panels[1].set_xlabel("Frequency (cycles per day)")
         labels = {name: f"{name}, {series.depth_m[name]:g} m" for name in SERIES if name in known}
-        legend(figure, [Line2D([], [], color=COLOURS[name], label=label) for name, label in labels.items()])
+        page.legend(figure, [page.line(label, color=page.COLOURS[name]) for name, label in labels.items()])
 
 
 def draw_array(path: str | Path, moorings: Sequence[Mapping[str, Any]]) -> None:
@@ -232,18 +210,18 @@ def draw_array(path: str | Path, moorings: Sequence[Mapping[str, Any]]) -> None:
         moorings: name, water_depth_m and instruments, each with depth_m (None for a profiler), orientation (up, down or
             None) and role (affected, reference or other).
     """
-    with page(path, 3.8, width_in=WIDE_IN) as figure:
+    with page.create(path, 3.8, width_in=page.WIDE_IN) as figure:
         axes = figure.subplots()
         if not moorings:
-            empty(axes)
+            page.empty(axes)
             return
         bottom = [mooring["water_depth_m"] for mooring in moorings]
         deepest = 1.08 * max(bottom)
-        axes.bar(range(len(moorings)), [deepest - depth for depth in bottom], 0.9, bottom, color=GREY, alpha=0.4)
+        axes.bar(range(len(moorings)), [deepest - depth for depth in bottom], 0.9, bottom, color=page.GREY, alpha=0.4)
         for k, mooring in enumerate(moorings):
             depths = [each["depth_m"] for each in mooring["instruments"] if each["depth_m"] is not None]
             line = [min(depths, default=0.0), bottom[k]]
-            axes.plot([k, k], line, color=BLACK, linewidth=0.7)
+            axes.plot([k, k], line, color=page.BLACK, linewidth=0.7)
             for each in mooring["instruments"]:
                 colour = ROLES[each["role"]]
                 if each["depth_m"] is None:
@@ -255,13 +233,12 @@ def draw_array(path: str | Path, moorings: Sequence[Mapping[str, Any]]) -> None:
         named = len(moorings) <= NAMED
         names = [str(mooring["name"]) for mooring in moorings] if named else []
         axes.set_xticks(range(len(names)), names, rotation=90 if len(names) > 12 else 0)
-        axes.set_xlabel("" if named else f"{len(moorings)} moorings")
+        axes.set(xlabel="" if named else f"{len(moorings)} moorings", ylabel="Depth (m)")
         axes.set_ylim(deepest, -0.02 * deepest)
-        axes.set_ylabel("Depth (m)")
         point: dict[str, Any] = {"linestyle": "", "markersize": 5, "markeredgewidth": 0}
-        handles: list[Artist] = [Line2D([], [], **point, marker="s", color=ROLES[role], label=role) for role in ROLES]
-        handles += [Line2D([], [], **point, marker="^", color=BLACK, label="looks up")]
-        handles += [Line2D([], [], **point, marker="v", color=BLACK, label="looks down")]
-        handles += [Line2D([], [], color=BLACK, linewidth=3.0, alpha=0.5, label="profiler")]
-        handles += [Patch(color=GREY, alpha=0.4, linewidth=0, label="bottom")]
-        legend(figure, handles, columns=4)
+        handles: list[Artist] = [page.line(role, **point, marker="s", color=ROLES[role]) for role in ROLES]
+        handles += [page.line("looks up", **point, marker="^", color=page.BLACK)]
+        handles += [page.line("looks down", **point, marker="v", color=page.BLACK)]
+        handles += [page.line("profiler", color=page.BLACK, linewidth=3.0, alpha=0.5)]
+        handles += [Patch(color=page.GREY, alpha=0.4, linewidth=0, label="bottom")]
+        page.legend(figure, handles, columns=4)

@@ -1,7 +1,5 @@
 """Common parts of all figures: size, style, colours, axes in degrees and dates, legend, and the output file."""
 
-from __future__ import annotations
-
 import re
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -44,6 +42,8 @@ ORANGE, SKY, GREEN, BLUE, VERMILION, PURPLE = "#E69F00", "#56B4E9", "#009E73", "
 RECORDED, CORRECTED, REFERENCE = ORANGE, BLUE, GREY
 COLOURS = {"recorded": RECORDED, "corrected": CORRECTED, "reference": REFERENCE, "before": RECORDED, "after": CORRECTED}
 BAND: dict[str, Any] = {"color": GREEN, "alpha": 0.25, "linewidth": 0}  # the 95 % interval of a fit
+SHADE: dict[str, Any] = {"color": CORRECTED, "alpha": 0.25, "linewidth": 0}  # an interval of corrected values
+ROUND = (1, 2, 5, 10)  # steps of ticks
 STYLE: dict[Any, Any] = {
     "font.size": 8.0,
     "axes.titlesize": 8.0,
@@ -66,7 +66,7 @@ MAGNETIC, TRUE = "(° magnetic)", "(° true)"
 
 
 @contextmanager
-def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, title: str = "") -> Iterator[Figure]:
+def create(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, title: str = "") -> Iterator[Figure]:
     """Create an empty figure and write it as PNG or PDF, reproducibly, when the block ends without an error.
 
     If there are several panels, they are lettered; long titles and axis labels are wrapped. Only a figure that is used
@@ -113,10 +113,8 @@ def page(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, titl
 
 
 def _arrange(figure: Figure) -> None:
-    """Set margins and gaps of the grid of panels from one measurement of their labels.
-
-    The constrained layout of matplotlib measures all artists, twice, and takes as long as drawing them.
-    """
+    """Set margins and gaps of the grid of panels from one measurement of their labels."""
+    # The constrained layout of matplotlib measures all artists, twice, and takes as long as drawing them.
     panels = [axes for axes in figure.axes if axes.get_subplotspec() is not None]
     if not panels:
         return
@@ -242,6 +240,11 @@ def legend(figure: Figure, handles: Sequence[Artist], *, columns: int = 2) -> No
     """Add one legend below all panels, with at most ``columns`` columns."""
     if handles:
         figure.legend(handles=handles, loc="lower center", borderaxespad=0.2, ncols=min(columns, len(handles)))
+
+
+def line(label: str, **look: Any) -> Line2D:
+    """Create the entry of a legend for a line or a marker."""
+    return Line2D([], [], label=label, **look)
 
 
 def emptiest(angle_deg: ArrayLike, smoothing_deg: float = 25.0) -> float:

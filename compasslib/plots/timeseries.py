@@ -1,7 +1,5 @@
 """Figures of a record and its currents: headings, sticks, progressive vectors, roses, section, heading errors."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +10,6 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, StepPatch
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
@@ -20,56 +17,34 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.archive.gridded import MeanProfile, SectionMeans
-from compasslib.archive.summary import MAX_MEANS, BinCurrents, CurrentSeries, average, averaging_hours
-from compasslib.plots.page import (
-    BLACK,
-    CM,
-    COLOURS,
-    CORRECTED,
-    GREEN,
-    LETTERS,
-    MAGNETIC,
-    RECORDED,
-    REFERENCE,
-    SKY,
-    TRUE,
-    WIDE_IN,
-    dates,
-    degrees,
-    emptiest,
-    empty,
-    find_gaps,
-    legend,
-    page,
-    placed,
-    sectors,
-)
+from compasslib.archive.summary import GAP, BinCurrents, CurrentSeries
+from compasslib.plots import page
 from compasslib.records import PROBABLY_BAD, CorrectedRecord, Pairs
 from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
 POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.2, "markeredgewidth": 0}
 KINDS = {
-    "sure": ("corrected, flag 1 or 2", CORRECTED),
-    "doubtful": ("doubtful, flag 3", SKY),
-    "missing": ("not corrected, flag 4", BLACK),
+    "sure": ("corrected, flag 1 or 2", page.CORRECTED),
+    "doubtful": ("doubtful, flag 3", page.SKY),
+    "missing": ("not corrected, flag 4", page.BLACK),
 }
 
 
 def draw_timeline(path: str | Path, product: CorrectedRecord, pairs: Pairs) -> None:
     """Draw time series of recorded and corrected headings with their quality, and of the instrument's depth."""
     record = product.record
-    with page(path, 5.2) as figure:
+    with page.create(path, 5.2) as figure:
         panels = figure.subplots(4, 1, sharex=True, height_ratios=(3.0, 3.0, 1.0, 1.4))
         for axes, title in zip(panels, ("recorded", "corrected", "samples by flag", "instrument"), strict=True):
             axes.set_title(title)
         if not len(record.time_s):
-            empty(*panels)
+            page.empty(*panels)
             return
         kind = classify_samples(product)
         _draw_headings(panels[0], panels[1], product, kind)
         _draw_strip(panels[2], record.time_s, pairs, kind)
-        gaps = find_gaps(record.time_s)
+        gaps = page.find_gaps(record.time_s)
         day, depth = np.insert(record.time_s / DAY_S, gaps, np.nan), np.insert(record.depth_m, gaps, np.nan)
         panels[3].set_ylabel("Depth\n(m)")
         if np.isfinite(depth).any():
@@ -78,12 +53,12 @@ def draw_timeline(path: str | Path, product: CorrectedRecord, pairs: Pairs) -> N
             panels[3].set_ylim(middle + half, middle - half)
         else:
             panels[3].annotate("unknown", (0.5, 0.5), xycoords="axes fraction", ha="center")
-        dates(panels[3], (float(record.time_s[0]), float(record.time_s[-1])))
+        page.dates(panels[3], (float(record.time_s[0]), float(record.time_s[-1])))
         handles: list[Artist] = [Patch(color=KINDS[k][1], label=KINDS[k][0]) for k in KINDS if (kind == k).any()]
         if np.isin(kind, ("sure", "doubtful")).any():
-            handles.insert(0, Line2D([], [], **POINT | {"markersize": 3}, color=RECORDED, label="recorded"))
-            handles.append(Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="uncertainty, 1σ"))
-        legend(figure, [*handles, *([Patch(color=GREEN, label="days with reference")] if len(pairs) else [])])
+            handles.insert(0, page.line("recorded", **POINT | {"markersize": 3}, color=page.RECORDED))
+            handles.append(Patch(**page.SHADE, label="uncertainty, 1σ"))
+        page.legend(figure, [*handles, *([Patch(color=page.GREEN, label="days with reference")] if len(pairs) else [])])
         figure.align_ylabels(panels)
 
 
@@ -98,22 +73,24 @@ def _draw_headings(above: Axes, below: Axes, product: CorrectedRecord, kind: NDA
     """Draw recorded and corrected headings on axes that are cut at the same heading."""
     thin = slice(None, None, max(1, len(kind) // 10_000))  # a figure cannot show more
     recorded, corrected = product.record.heading_deg[thin], product.heading_corrected_deg[thin]
-    begin = emptiest(np.concatenate([recorded, corrected]))
+    begin = page.emptiest(np.concatenate([recorded, corrected]))
     day, kind, sigma = product.record.time_s[thin] / DAY_S, kind[thin], product.heading_uncertainty_deg[thin]
-    for here, colour in ((kind != "missing", RECORDED), (kind == "missing", BLACK)):
-        above.plot(day[here], placed(recorded[here], begin), color=colour, **POINT)
-    heading = placed(corrected, begin)
+    for here, colour in ((kind != "missing", page.RECORDED), (kind == "missing", page.BLACK)):
+        above.plot(day[here], page.placed(recorded[here], begin), color=colour, **POINT)
+    heading = page.placed(corrected, begin)
     for turn in (-360.0, 0.0, 360.0):  # the range of one standard deviation, wrapped at the ends of the axis
         low, high = heading - sigma + turn, heading + sigma + turn
         visible = (high > begin) & (low < begin + 360.0)
         ends = np.stack([np.stack([day, low], axis=1), np.stack([day, high], axis=1)], axis=1)[visible]
         # Axes.vlines masks every line separately and takes ten times as long.
-        below.add_collection(LineCollection(list(ends), colors=CORRECTED, alpha=0.12, linewidths=0.7), autolim=False)
+        below.add_collection(
+            LineCollection(list(ends), colors=page.CORRECTED, alpha=0.12, linewidths=0.7), autolim=False
+        )
     for k in ("sure", "doubtful"):
         below.plot(day[kind == k], heading[kind == k], color=KINDS[k][1], **POINT)
     for axes, plotted in ((above, recorded), (below, corrected)):
-        degrees(axes.yaxis, (begin, begin + 360.0))
-        axes.set_ylabel(f"Heading\n{MAGNETIC}")
+        page.degrees(axes.yaxis, (begin, begin + 360.0))
+        axes.set_ylabel(f"Heading\n{page.MAGNETIC}")
         if not np.isfinite(plotted).any():
             axes.annotate("none", (0.5, 0.5), xycoords="axes fraction", ha="center")
 
@@ -128,7 +105,7 @@ def _draw_strip(axes: Axes, time_s: Floats, pairs: Pairs, kind: NDArray[np.str_]
     tops = 100.0 * np.cumsum(counts, axis=0) / np.maximum(np.sum(counts, axis=0), 1)
     paired = np.histogram(pairs.time_s, edges)[0] > 0
     bottoms = [np.zeros(len(edges) - 1), *tops[:-1], np.full(len(edges) - 1, 112.0)]
-    tops, colours = [*tops, np.where(paired, 135.0, 112.0)], [*(colour for _, colour in KINDS.values()), GREEN]
+    tops, colours = [*tops, np.where(paired, 135.0, 112.0)], [*(colour for _, colour in KINDS.values()), page.GREEN]
     for top, bottom, colour in zip(tops, bottoms, colours, strict=True):
         # Axes.stairs computes its data limits step by step, but here the limits are set explicitly.
         axes.add_artist(StepPatch(top, edges / DAY_S, baseline=bottom, fill=True, color=colour, linewidth=0))
@@ -137,7 +114,7 @@ def _draw_strip(axes: Axes, time_s: Floats, pairs: Pairs, kind: NDArray[np.str_]
 
 # Currents.
 
-LINES: dict[str, dict[str, Any]] = {name: {"color": colour} for name, colour in COLOURS.items()}
+LINES: dict[str, dict[str, Any]] = {name: {"color": colour} for name, colour in page.COLOURS.items()}
 LINES["reference"] |= {"linewidth": 3.0, "alpha": 0.6, "zorder": 1.5}  # the corrected one often lies on it
 STICK: dict[str, Any] = {
     "angles": "uv", "scale_units": "y", "scale": 1.0, "units": "inches", "width": 0.007,
@@ -146,61 +123,63 @@ STICK: dict[str, Any] = {
 AXIS = STICK | {"scale_units": "x", "width": 0.014, "pivot": "mid"}
 
 
+INTERVALS_H = (1.0, 6.0, 24.0, 48.0, 120.0, 240.0, 720.0, 2400.0)  # of means
+
+
 @dataclass(frozen=True)
 class AveragedCurrents:
     """Mean currents over equal time intervals."""
 
-    begin_s: float
+    middle_s: Floats  # (n,) seconds since 1970
     hours: float
     means: Mapping[str, Complexes]  # (n,) each, m/s; NaN in empty intervals; series without data are left out
 
-    @property
-    def middle_s(self) -> Floats:
-        """Middle of each interval, (n,), seconds since 1970."""
-        count = len(next(iter(self.means.values()), ()))
-        return self.begin_s + self.hours * HOUR_S * (np.arange(count) + 0.5)
 
-
-def average_currents(shown: BinCurrents, reference: CurrentSeries, most: int = MAX_MEANS) -> AveragedCurrents:
+def average_currents(shown: BinCurrents, reference: CurrentSeries, most: int = 420) -> AveragedCurrents:
     """Average the recorded, corrected and reference currents over at most ``most`` equal time intervals."""
-    time_s = shown.recorded.time_s
-    hours = averaging_hours(time_s, most)
-    begin_s = float(time_s[0]) if len(time_s) else 0.0
-    count = int((time_s[-1] - begin_s) / (hours * HOUR_S)) + 1 if len(time_s) else 0
-    flows = {"recorded": shown.recorded, "corrected": shown.corrected, "reference": reference}
-    means = {name: average(flow, begin_s, hours, count) for name, flow in flows.items()}
-    return AveragedCurrents(begin_s, hours, {name: mean for name, mean in means.items() if np.isfinite(mean).any()})
+    begin_s, end_s = shown.recorded.time_s[[0, -1]] if len(shown.recorded.time_s) else (0.0, -1.0)
+    hours = next((hours for hours in INTERVALS_H if end_s - begin_s <= most * hours * HOUR_S), INTERVALS_H[-1])
+    count, means = int(np.floor((end_s - begin_s) / (hours * HOUR_S))) + 1, dict[str, Complexes]()
+    for name, flow in (("recorded", shown.recorded), ("corrected", shown.corrected), ("reference", reference)):
+        place = np.floor((flow.time_s - begin_s) / (hours * HOUR_S)).astype(int)
+        inside = np.isfinite(flow.velocity) & (place >= 0) & (place < count)
+        place, velocity = place[inside], flow.velocity[inside]
+        number = np.bincount(place, minlength=count)
+        sums = np.bincount(place, velocity.real, count) + 1j * np.bincount(place, velocity.imag, count)
+        if number.any():
+            means[name] = np.where(number > 0, sums / np.maximum(number, 1), GAP)
+    return AveragedCurrents(begin_s + hours * HOUR_S * (np.arange(count) + 0.5), hours, means)
 
 
 def draw_sticks(path: str | Path, plotted: AveragedCurrents) -> None:
     """Draw stick plots of the mean currents, pointing in the direction of flow, north up, none of them cut."""
     count = max(len(plotted.means), 1)
-    with page(path, 0.75 + 0.95 * count) as figure:
+    with page.create(path, 0.75 + 0.95 * count) as figure:
         panels = figure.subplots(count, 1, sharex=True, sharey=True, squeeze=False)[:, 0]
         if not plotted.means:
-            empty(panels[0])
+            page.empty(panels[0])
             return
-        flow = CM * np.concatenate([np.zeros(1), *plotted.means.values()])
+        flow = page.CM * np.concatenate([np.zeros(1), *plotted.means.values()])
         low, high = float(np.nanmin(flow.imag)), float(np.nanmax(flow.imag))
         room = max(0.05 * (high - low), 0.5)
         half_s = plotted.hours * HOUR_S / 2.0
         first, last = float(plotted.middle_s[0]) - half_s, float(plotted.middle_s[-1]) + half_s
         # What a stick reaches along the axis: its scale is that of the vertical axis, of a panel 2.8 by 0.65 inches.
         second = (last - first) / 2.8 * 0.65 / (high - low + 2.0 * room)
-        tips = np.concatenate([plotted.middle_s + second * CM * mean.real for mean in plotted.means.values()])
+        tips = np.concatenate([plotted.middle_s + second * page.CM * mean.real for mean in plotted.means.values()])
         for axes, (name, mean) in zip(panels, plotted.means.items(), strict=True):
             there = np.isfinite(mean)
-            u, v = CM * mean[there].real, CM * mean[there].imag
-            sticks = axes.quiver(plotted.middle_s[there] / DAY_S, np.zeros(u.shape), u, v, color=COLOURS[name], **STICK)
+            u, v = page.CM * mean[there].real, page.CM * mean[there].imag
+            sticks = axes.quiver(
+                plotted.middle_s[there] / DAY_S, np.zeros(u.shape), u, v, color=page.COLOURS[name], **STICK
+            )
             if axes is panels[0]:
                 scale = round_down(float(np.percentile(np.hypot(u, v), 90.0)))
-                axes.quiverkey(sticks, 0.8, 1.12, scale, f"{scale:g} cm/s", labelpos="E", fontproperties=LETTERS)
-            axes.axhline(0.0, color=COLOURS[name], linewidth=0.5)
-            axes.set_title(name)
-            axes.set_ylabel("North\n(cm/s)")
-            axes.set_ylim(low - room, high + room)
-            axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-        dates(panels[-1], (min(first, float(np.nanmin(tips))), max(last, float(np.nanmax(tips)))))
+                axes.quiverkey(sticks, 0.8, 1.12, scale, f"{scale:g} cm/s", labelpos="E", fontproperties=page.LETTERS)
+            axes.axhline(0.0, color=page.COLOURS[name], linewidth=0.5)
+            axes.set(title=name, ylabel="North\n(cm/s)", ylim=(low - room, high + room))
+            axes.locator_params(axis="y", nbins=4, steps=page.ROUND)
+        page.dates(panels[-1], (min(first, float(np.nanmin(tips))), max(last, float(np.nanmax(tips)))))
         figure.align_ylabels(panels)
 
 
@@ -215,22 +194,21 @@ def draw_progressive(path: str | Path, plotted: AveragedCurrents) -> None:
     paths = {name: way / 1000.0 for name, way in displacements(plotted).items()}  # km
     points = np.concatenate([*paths.values(), [0.0]])
     wide, high = float(np.ptp(points.real)), float(np.ptp(points.imag))
-    with page(path, 0.9 + 2.7 * float(np.clip(high / max(wide, 1e-9), 0.4, 1.1))) as figure:
+    with page.create(path, 0.9 + 2.7 * float(np.clip(high / max(wide, 1e-9), 0.4, 1.1))) as figure:
         axes = figure.subplots()
         if not paths:
-            empty(axes)
+            page.empty(axes)
             return
         for name, way in paths.items():
             axes.plot(way.real, way.imag, **LINES[name])
-            axes.plot(way.real[-1], way.imag[-1], "o", color=COLOURS[name], markersize=4)
+            axes.plot(way.real[-1], way.imag[-1], "o", color=page.COLOURS[name], markersize=4)
         axes.plot(0.0, 0.0, "k+", markersize=7)
         axes.set(xlabel="East (km)", ylabel="North (km)")
         axes.set_aspect("equal", adjustable="datalim")
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
-        handles = [Line2D([], [], **LINES[name], label=name) for name in paths]
-        begin = Line2D([], [], color="k", marker="+", linestyle="", label="begin")
-        legend(figure, [*handles, begin], columns=4)
+        axes.locator_params(nbins=5, steps=page.ROUND)
+        handles = [page.line(name, **LINES[name]) for name in paths]
+        begin = page.line("begin", color="k", marker="+", linestyle="")
+        page.legend(figure, [*handles, begin], columns=4)
 
 
 def displacements(plotted: AveragedCurrents) -> dict[str, Complexes]:
@@ -244,18 +222,18 @@ def draw_roses(path: str | Path, shown: BinCurrents, reference: CurrentSeries, h
     """Draw roses of the current direction and of the ``recorded`` and ``corrected`` headings."""
     flows = {"recorded": shown.recorded, "corrected": shown.corrected, "reference": reference}
     towards = {name: angles.direction(flow.velocity.real, flow.velocity.imag) for name, flow in flows.items()}
-    handles: dict[str, Any] = {name: Line2D([], [], color=COLOURS[name], label=name) for name in flows}
-    handles["reference"] = Patch(color=REFERENCE, alpha=0.5, linewidth=0, label="reference")
-    with page(path, 2.6) as figure:
+    handles: dict[str, Any] = {name: page.line(name, color=page.COLOURS[name]) for name in flows}
+    handles["reference"] = Patch(color=page.REFERENCE, alpha=0.5, linewidth=0, label="reference")
+    with page.create(path, 2.6) as figure:
         visible: set[str] = set()
-        titles = (f"current towards\n{TRUE}", f"heading\n{MAGNETIC}")
+        titles = (f"current towards\n{page.TRUE}", f"heading\n{page.MAGNETIC}")
         panels = figure.subplots(1, 2, subplot_kw={"projection": "polar"})
         for axes, title, series in zip(panels, titles, (towards, headings), strict=True):
             known = {name: angle for name, angle in series.items() if np.isfinite(angle).any()}
             axes.set_title(title)
             _draw_rose(axes, known)
             visible |= set(known)
-        legend(figure, [handle for name, handle in handles.items() if name in visible], columns=3)
+        page.legend(figure, [handle for name, handle in handles.items() if name in visible], columns=3)
 
 
 def _draw_rose(axes: PolarAxes, series: Mapping[str, Floats]) -> None:
@@ -269,14 +247,16 @@ def _draw_rose(axes: PolarAxes, series: Mapping[str, Floats]) -> None:
         axes.set_yticks([])
         axes.annotate("no data", (0.5, 0.5), xycoords="axes fraction", ha="center", va="center")
         return
-    shares = {name: sectors(series[name], 0.0) for name in reversed(COLOURS) if name in series}
+    shares = {name: page.sectors(series[name], 0.0) for name in reversed(page.COLOURS) if name in series}
     for name, share in shares.items():
         edges = np.linspace(0.0, 2.0 * np.pi, len(share) + 1)
         around, radius = np.repeat(edges, 2)[1:-1], np.repeat(share, 2)
         if name == "reference":
-            axes.fill(around, radius, color=COLOURS[name], alpha=0.5, linewidth=0)
+            axes.fill(around, radius, color=page.COLOURS[name], alpha=0.5, linewidth=0)
         else:
-            axes.plot(np.append(around, around[0]), np.append(radius, radius[0]), color=COLOURS[name], linewidth=1.2)
+            axes.plot(
+                np.append(around, around[0]), np.append(radius, radius[0]), color=page.COLOURS[name], linewidth=1.2
+            )
     most = 1.02 * max(float(share.max()) for share in shares.values())
     ticks = MaxNLocator(3, steps=[1, 2, 5, 10], integer=True).tick_values(0.0, most)
     rings = [ring for ring in ticks if 0.0 < ring < most]
@@ -289,20 +269,17 @@ def _draw_rose(axes: PolarAxes, series: Mapping[str, Floats]) -> None:
 
 
 def draw_section(path: str | Path, section: SectionMeans) -> None:
-    """Draw velocity by time and depth before and after correction, the difference, and the uncertainty of direction.
-
-    Depths that were measured less than a tenth as often as any are left out.
-    """
+    """Draw velocity by time and depth before and after, where often measured, the difference, and the uncertainty."""
     by_reference, depth_m = np.nan_to_num(section.reference_share) >= 0.5, section.depth_m
     before = np.where(by_reference, complex(np.nan, np.nan), section.before)  # a reference is not corrected
     after = section.after.copy()
     after[:, by_reference] = _as_columns(after[:, by_reference])
     rows = {"recorded": before, "corrected": after, "corrected minus recorded": section.after - before}
-    with page(path, 6.6, width_in=WIDE_IN) as figure:
+    with page.create(path, 6.6, width_in=page.WIDE_IN) as figure:
         layout: list[Any] = [[f"U, {row}", f"V, {row}"] for row in rows]
         panels = figure.subplot_mosaic([*layout, ["σ", "σ"]], height_ratios=[2.0, 2.0, 2.0, 1.2])
         if not np.isfinite(section.after).any():
-            empty(*panels.values())
+            page.empty(*panels.values())
             return
         span = (float(section.edges_s[0]), float(section.edges_s[-1]))
         half = float(np.median(np.diff(depth_m))) / 2.0 if len(depth_m) > 1 else 0.5
@@ -310,36 +287,37 @@ def draw_section(path: str | Path, section: SectionMeans) -> None:
         for row, values in rows.items():
             scale = np.concatenate([before, after] if row in ("recorded", "corrected") else [values])
             known = np.abs(np.concatenate([part[np.isfinite(part)] for part in (scale.real, scale.imag)]))
-            limit = max(CM * float(np.percentile(known, 98.0)), 1.0) if known.size else 1.0
+            limit = max(page.CM * float(np.percentile(known, 98.0)), 1.0) if known.size else 1.0
             often = np.isfinite(values).sum(axis=0)
             shown = np.flatnonzero(often >= max(0.1 * often.max(initial=0), 1))
             for name, part in (("U", values.real), ("V", values.imag)):
                 axes = panels[f"{name}, {row}"]
                 axes.set_title(f"{name}, {row}")
                 look: dict[str, Any] = {"cmap": "RdBu_r", "norm": Normalize(-limit, limit), "rasterized": True}
-                image = axes.pcolormesh(section.edges_s / DAY_S, edges, CM * part.T, **look)
+                image = axes.pcolormesh(section.edges_s / DAY_S, edges, page.CM * part.T, **look)
                 axes.set_facecolor("#DDDDDD")
                 if shown.size:
                     axes.set_ylim(edges[shown[-1] + 1], edges[shown[0]])
-                axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-                dates(axes, span)
+                axes.locator_params(axis="y", nbins=4, steps=page.ROUND)
+                page.dates(axes, span)
                 axes.set(xlabel="", ylabel="Depth (m)" if name == "U" else "")
                 axes.tick_params(labelbottom=row == "corrected minus recorded", labelleft=name == "U")
             bar = figure.colorbar(image, cax=axes.inset_axes((1.06, 0.0, 0.025, 1.0)), extend="both")
             bar.set_label("cm/s")
             if row == "corrected":  # at the right edge, the instrument that provides most values at each depth
                 place: dict[str, Any] = {"transform": axes.get_yaxis_transform(), "clip_on": False, "linewidth": 4.0}
-                place["colors"] = [REFERENCE if by_reference[k] else CORRECTED for k in shown]
+                place["colors"] = [page.REFERENCE if by_reference[k] else page.CORRECTED for k in shown]
                 axes.vlines(np.full(len(shown), 1.02), edges[shown], edges[shown + 1], **place)
         # Standard deviation of the affected instrument's directions.
         axes, sigma = panels["σ"], section.heading_sigma_deg
-        axes.plot((section.edges_s[1:] + section.edges_s[:-1]) / 2.0 / DAY_S, sigma, color=CORRECTED, linewidth=0.8)
+        axes.plot(
+            (section.edges_s[1:] + section.edges_s[:-1]) / 2.0 / DAY_S, sigma, color=page.CORRECTED, linewidth=0.8
+        )
         axes.set_ylim(0.0, 1.15 * float(np.nanmax(sigma)) if np.isfinite(sigma).any() else 1.0)
-        axes.set_title("uncertainty of the corrected directions (1σ)")
-        axes.set_ylabel("σ (°)")
-        dates(axes, span)
-        sources = {"affected instrument": CORRECTED, "reference": REFERENCE}
-        legend(figure, [Line2D([], [], color=colour, linewidth=4.0, label=name) for name, colour in sources.items()])
+        axes.set(title="uncertainty of the corrected directions (1σ)", ylabel="σ (°)")
+        page.dates(axes, span)
+        sources = {"affected instrument": page.CORRECTED, "reference": page.REFERENCE}
+        page.legend(figure, [page.line(name, color=colour, linewidth=4.0) for name, colour in sources.items()])
 
 
 def _as_columns(values: Complexes) -> Complexes:
@@ -355,42 +333,39 @@ def _as_columns(values: Complexes) -> Complexes:
 def draw_profile(path: str | Path, section: SectionMeans) -> None:
     """Draw profiles of the mean velocity before and after, and of the major axes of the variance ellipses."""
     before, after = section.profiles
-    with page(path, 3.6) as figure:
+    with page.create(path, 3.6) as figure:
         panels = figure.subplots(1, 3, sharey=True, width_ratios=(1.0, 1.0, 1.2))
         there = np.flatnonzero(np.isfinite(after.mean))
         if not there.size:
-            empty(*panels)
+            page.empty(*panels)
             return
         reference = section.reference_share >= 0.5
         for axes, part, sigma, name in zip(panels, ("real", "imag"), section.profile_sigma, "UV", strict=False):
-            middle, half = CM * getattr(after.mean, part), CM * NORMAL_95 * sigma
-            axes.fill_betweenx(section.depth_m, middle - half, middle + half, color=CORRECTED, alpha=0.25, linewidth=0)
-            for profile, here, colour in (
-                (before, ~reference, RECORDED), (after, ~reference, CORRECTED), (after, reference, REFERENCE),
-            ):  # fmt: skip
-                mean = np.where(here, CM * getattr(profile.mean, part), np.nan)
+            middle, half = page.CM * getattr(after.mean, part), page.CM * NORMAL_95 * sigma
+            axes.fill_betweenx(section.depth_m, middle - half, middle + half, **page.SHADE)
+            affected = ((before, ~reference, page.RECORDED), (after, ~reference, page.CORRECTED))
+            for profile, here, colour in (*affected, (after, reference, page.REFERENCE)):
+                mean = np.where(here, page.CM * getattr(profile.mean, part), np.nan)
                 axes.plot(mean, section.depth_m, color=colour, marker="o", markersize=2.5)
             axes.axvline(0.0, color="#444444", linewidth=0.5)
-            axes.set_title(f"mean {name}")
-            axes.set_xlabel("(cm/s)")
-            axes.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
+            axes.set(title=f"mean {name}", xlabel="(cm/s)")
+            axes.locator_params(axis="x", nbins=3, steps=page.ROUND)
         # Major axes of the variance, north up, to a common scale along the panel's width.
         shown = there[:: max(1, -(-len(there) // 8))]
         sizes = [principal_axis(profile) for profile in (before, after)]
-        for (size, way), colour in zip(sizes, (RECORDED, CORRECTED), strict=True):
-            along = CM * (size * np.exp(1j * way))[shown]
-            look = AXIS | {"color": [REFERENCE if trusted else colour for trusted in reference[shown]]}
+        for (size, way), colour in zip(sizes, (page.RECORDED, page.CORRECTED), strict=True):
+            along = page.CM * (size * np.exp(1j * way))[shown]
+            look = AXIS | {"color": [page.REFERENCE if trusted else colour for trusted in reference[shown]]}
             panels[2].quiver(np.zeros(len(shown)), section.depth_m[shown], along.real, along.imag, **look)
-        longest = CM * max(float(np.nanmax(size[shown])) for size, _ in sizes)
-        panels[2].set(xlim=(-0.6 * longest, 0.6 * longest), xlabel="(cm/s), north up")
-        panels[2].set_title("principal axes")
-        panels[2].xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
+        longest = page.CM * max(float(np.nanmax(size[shown])) for size, _ in sizes)
+        panels[2].set(xlim=(-0.6 * longest, 0.6 * longest), xlabel="(cm/s), north up", title="principal axes")
+        panels[2].locator_params(axis="x", nbins=3, steps=page.ROUND)
         room = 0.12 * float(np.ptp(section.depth_m[there])) + 1.0  # for the axes at the ends
         panels[0].set_ylim(section.depth_m[there[-1]] + room, section.depth_m[there[0]] - room)
         panels[0].set_ylabel("Depth (m)")
         names = ["recorded", "corrected", *["reference"] * bool(reference[there].any())]
-        handles: list[Artist] = [Line2D([], [], color=COLOURS[name], label=name) for name in names]
-        legend(figure, [*handles, Patch(color=CORRECTED, alpha=0.25, linewidth=0, label="95 %, heading alone")])
+        handles: list[Artist] = [page.line(name, color=page.COLOURS[name]) for name in names]
+        page.legend(figure, [*handles, Patch(**page.SHADE, label="95 %, heading alone")])
 
 
 def principal_axis(profile: MeanProfile) -> tuple[Floats, Floats]:

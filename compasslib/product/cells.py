@@ -325,11 +325,7 @@ def bridge_gaps(cells: Cells, step_s: float, max_gap_s: float, by_time: Differen
 
 
 def merge(each: list[Cells], times: int, depths: int) -> tuple[Cells, NDArray[np.int8]]:
-    """Take each cell from the first instrument that measured inside it, else from the first that interpolated it.
-
-    Returns:
-        The cells, and the index of the instrument of each, (t, z); -1 where none has a velocity.
-    """
+    """Take each cell from the first instrument that measured it, else interpolated it; return also its index, or -1."""
     whole = empty_cells(times, slice(0, depths), any(cells.up is not None for cells in each))
     source = np.full((times, depths), -1, dtype=np.int8)
     for best in (False, True):  # measured cells overwrite interpolated ones
@@ -341,18 +337,6 @@ def merge(each: list[Cells], times: int, depths: int) -> tuple[Cells, NDArray[np
             if (part := getattr(cells, name)) is not None:
                 getattr(whole, name)[:, cells.levels][here] = part[here]
     return whole, source
-
-
-def without(cells: Cells, times: Bools) -> Cells:
-    """Empty the cells of some times, (t,)."""
-    velocity = np.where(times[..., None], NONE, cells.velocity)
-    return replace(cells, velocity=velocity, measured=cells.measured & ~times[..., None])
-
-
-def take_slots(cells: Cells, which: slice) -> Cells:
-    """Select a slice of the times."""
-    parts: dict[str, Any] = {name: x[which] for name, x in vars(cells).items() if isinstance(x, np.ndarray)}
-    return replace(cells, **parts)
 
 
 def compare_at_seam(pairs: Pairs, assessment: Mapping[str, Any]) -> dict[str, Any]:

@@ -4,8 +4,6 @@ A mode is a function of time times a standard normal variable. The heading error
 alike: du = v delta, dv = -u delta.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -47,10 +45,7 @@ class HeadingErrors:
 
 
 def compass_modes(fit: DeviationFit, at: CompassSeries | None, readings: Readings, heading_deg: Floats) -> Floats:
-    """Decompose the heading error due to the coefficients' covariance into modes, (n, p) degrees per unit normal.
-
-    If several compasses are averaged, the modes and the shifts of each are scaled by the square root of its weight.
-    """
+    """Decompose the heading error by the covariance of the compass, averaged or not, (n, p) degrees per unit normal."""
     if not fit.fitted:
         return np.zeros((len(heading_deg), 0))
     at = compass_series(fit, readings) if at is None else at
@@ -83,10 +78,7 @@ def compress(columns: Floats, count: int) -> tuple[Floats, Floats]:
 
 
 def memory_of(heading_deg: Floats, time_s: Floats) -> float:
-    """Estimate the correlation time of a heading, the first lag with an autocorrelation below 1/e, seconds.
-
-    Unmodelled errors of a compass depend on heading and tilt, and therefore share the correlation time of these.
-    """
+    """Estimate the correlation time of a heading, s, the first lag below 1/e, which errors of a compass share."""
     known = np.isfinite(heading_deg)
     if known.sum() < FEWEST:
         return MIN_MEMORY_S
@@ -116,10 +108,7 @@ def learn_by_depth(velocity: Complexes, range_m: Floats, cell_m: float) -> Diffe
 
 
 def learn_bin_noise(velocity: Complexes, by_depth: Differences) -> Floats:
-    """Estimate the noise of each bin, (m,) (m/s)^2: far bins, with weaker echoes, differ more from their neighbours.
-
-    The noise of ``by_depth`` applies to the quieter half of the bins.
-    """
+    """Estimate the noise of each bin, (m,) (m/s)^2: far bins, with weaker echoes, differ more from their neighbours."""
     steps = np.abs(np.diff(velocity, axis=1)) ** 2
     known = np.isfinite(steps)
     half = np.where(known, steps, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1) / 2.0
@@ -198,10 +187,8 @@ def sphere_motion(depth_m: Floats, flow: Complexes, time_s: Floats, water_depth_
 
 
 def marginals(velocity: Complexes, heading_variance: Floats, other: Floats) -> tuple[Floats, Floats, Floats]:
-    """Compute the variances of u and v and their covariance, (t, z) (m/s)^2, from heading variance and other errors.
-
-    For a normal heading error delta, sin(delta) acts across and 1 - cos(delta) along the velocity.
-    """
+    """Compute the variances of u and v and their covariance, (t, z) (m/s)^2, from heading variance and other errors."""
+    # Of a normal heading error delta, sin(delta) acts across and 1 - cos(delta) along the velocity.
     once, twice = np.exp(-0.5 * heading_variance), np.exp(-2.0 * heading_variance)
     across, along = 0.5 * (1.0 - twice), 1.5 + 0.5 * twice - 2.0 * once
     u, v = velocity.real, velocity.imag
@@ -234,11 +221,7 @@ def errors_by_time(
     weight_east: Floats, weight_north: Floats, velocity: Complexes, other: Floats, source: NDArray[np.integer],
     errors: HeadingErrors,
 ) -> tuple[Floats, Floats, Floats]:  # fmt: skip
-    """Compute errors of a weighted sum at each time, see ``sum_sigma``: by mode, random, and the variance of others.
-
-    Returns:
-        (k, t) and (a, t) standard deviations, and (t,) variances.
-    """
+    """Compute errors of a weighted sum at each time: by mode (k, t), random (a, t), and the variance of others (t,)."""
     flow = np.where(np.isfinite(velocity), velocity, 0.0)
     turned = weight_east * flow.imag - weight_north * flow.real
     by_source = np.array([np.where(source == s, turned, 0.0).sum(axis=1) for s in range(len(errors.shares))])

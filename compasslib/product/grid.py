@@ -1,7 +1,5 @@
 """Grid the velocities of a mooring's instruments: axes, cells, merging, uncertainty and daily means."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -24,8 +22,6 @@ from compasslib.product.cells import (
     empty_cells,
     merge,
     place,
-    take_slots,
-    without,
 )
 from compasslib.product.errors import (
     UNMEASURED_MOTION_M_S,
@@ -38,7 +34,7 @@ from compasslib.product.errors import (
     mean_factor,
     sphere_motion,
 )
-from compasslib.records import DEEPEST_M, MISSING, PROBABLY_BAD, Flags
+from compasslib.records import DEEPEST_M, MISSING, PROBABLY_BAD, Flags, take
 from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
 
 PIECE, CELLS = 4096, 1 << 21  # times gridded at once, and cells, of some 300 bytes each
@@ -124,7 +120,7 @@ class GriddedProduct:
                 moving = np.full(len(wide), UNMEASURED_MOTION_M_S)
                 if len(source.time_s):
                     moving = np.interp(self.axes.time_s[wide.start : wide.stop], source.time_s, learnt.motion)
-                each.append(take_slots(replace(cells, spread=cells.spread + moving[:, None] ** 2), here))
+                each.append(take(replace(cells, spread=cells.spread + moving[:, None] ** 2), here))
             yield self._combine(each, inner)
 
     def _combine(self, each: list[Cells], inner: slice) -> Piece:
@@ -132,8 +128,11 @@ class GriddedProduct:
         affected, time_s = len(self.errors.random), self.axes.time_s[inner]
         first, last = range(affected, len(each)), [k for k in range(affected, len(each)) if self.sources[k].slowed]
         order = [*first, *range(affected), *last]
-        yielding = [np.any([(time_s >= a) & (time_s <= b) for a, b in s.slowed], axis=0) for s in self.sources]
-        ordered = [*(without(each[k], yielding[k]) for k in first), *(each[k] for k in order[len(first) :])]
+        ordered = [each[k] for k in order]
+        for at, k in enumerate(first):  # while its rotor was fouled it yields
+            slow = np.any([(time_s >= a) & (time_s <= b) for a, b in self.sources[k].slowed], axis=0)[..., None]
+            velocity = np.where(slow, NONE, each[k].velocity)
+            ordered[at] = replace(each[k], velocity=velocity, measured=each[k].measured & ~slow)
         cells, taken = merge(ordered, len(time_s), len(self.axes.depth_m))
         source, there = np.array([*order, -1], dtype=np.int8)[taken], taken >= 0
         heading = self.heading_variance[source[there], inner.start + np.nonzero(there)[0]]
@@ -194,13 +193,7 @@ def survey(source: Source) -> Survey:
 
 
 def make_axes(sources: Sequence[Source], surveys: Sequence[Survey], rules: GridRules) -> Axes:
-    """Make the axes: as requested, else with the steps of the first instrument over the range that any measured.
-
-    Without bins the step in depth is 10 m; that in time is at least a minute unless one is requested.
-
-    Raises:
-        InputError: there would be too many depths.
-    """
+    """Make the axes: as requested, else with the steps of the first instrument over the range that any measured."""
     cells = [each.cell_m for each in surveys if each.cell_m > 0.0 and not each.empty]
     cell_m = surveys[0].cell_m if not surveys[0].empty else 0.0
     step_m = rules.step_m or cell_m or (cells[0] if cells else 10.0)
@@ -291,10 +284,7 @@ def _depth_phase(source: Source, survey: Survey, step_m: float) -> float:
 
 
 def _ends(survey: Survey, step_m: float, phase_m: float) -> tuple[float, float]:
-    """Find the first and last level, m, that at least 10 % of the samples or profiles have.
-
-    A mean at a depth that few profiles, or strong currents only, reach is biased.
-    """
+    """Find the first and last level, m, that at least 10 % of samples or profiles have; a mean of fewer is biased."""
     metre = np.flatnonzero(survey.share >= min(0.1, survey.share.max()))
     first, last = np.rint((metre[[0, -1]] - phase_m) / step_m)
     return phase_m + step_m * float(first), phase_m + step_m * float(last)

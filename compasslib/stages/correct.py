@@ -1,9 +1,7 @@
 """Correct one instrument, and grid the corrected and reference velocities of a mooring."""
 
-from __future__ import annotations
-
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -41,14 +39,7 @@ def correct(
     mooring: str, files: Files, say: Say, *, site: Settings, attributes: Settings, superseded: Settings | None,
     by_hand: Sequence[str],
 ) -> None:  # fmt: skip
-    """Write the corrected record, whether it can be used, the table of its compass, and histograms before and after.
-
-    The answer whether it can be used is added to the ``agreement`` with the reference, in ``assessment``.
-
-    Args:
-        superseded: the earlier deposit, as returned by ``deposit.describe_superseded``.
-        by_hand: descriptions of the flags that a person gave.
-    """
+    """Write the corrected record, its assessment with the answer whether it can be used, table and histograms."""
     affected, along = netcdf.read_record(files.record), earthfield.field_from_json(read_json(files.field))
     whole = replace(affected, profiles=netcdf.read_profiles(files.record))
     made_by = products.from_json(read_json(files.deviation))
@@ -90,13 +81,7 @@ def grid(
 ) -> None:  # fmt: skip
     """Write velocities on fixed depths and times: gridded.nc, and gridded_daily.nc if configured.
 
-    The files of the affected instruments are lists in one order.
-
-    Args:
-        compasses: arguments of ``reference_compass`` for each reference.
-        rotors: whether each reference counts its speed by a mechanical rotor.
-        superseded: the earlier deposit, as for ``correct``.
-        by_hand: descriptions of the flags that a person gave.
+    The files of the affected instruments are lists in one order; ``compasses`` and ``rotors`` are of the references.
     """
     along, flags = earthfield.field_from_json(read_json(files.fields[0])), tuple(options["flags"])
     names = [Path(path).stem for path in files.references]
@@ -114,9 +99,8 @@ def grid(
     surveys = [*(part.survey for part in affected), *map(survey, each)]
     rules = GridRules(**options["grid"])
     axes, gap_s = make_axes(instruments, surveys, rules), 60.0 * rules.max_gap_minutes
-    sigma_deg = declination_sigma(along)
     trusted = [reference_compass(field=along, **keys) for keys in compasses]
-    errors = heading_errors([part.headings for part in affected], trusted, axes, gap_s, sigma_deg)
+    errors = heading_errors([part.headings for part in affected], trusted, axes, gap_s, declination_sigma(along))
     turned = [np.where(part.headings.used, part.corrected.deviation_deg, np.nan) for part in affected]
     turns = [average_angle(x, part.headings.time_s, axes, gap_s) for x, part in zip(turned, affected, strict=True)]
     depth_m = site["water_depth_m"]
@@ -127,10 +111,16 @@ def grid(
     before = sum(int(np.isfinite(part.corrected.record.heading_deg).sum()) for part in affected)
     after = sum(int(np.isfinite(part.corrected.heading_corrected_deg).sum()) for part in affected)
     sources = netcdf.read_sources([*files.records, *files.references, *files.pairs])
-    described = archive.FileDescription(
-        Site(**site), along, attributes, _describe_processing(affected, along, sources, superseded, by_hand),
-        (before, after), also=_seam_attributes(affected, seams),
-    )  # fmt: skip
+    made, also = {}, dict[str, Any]()
+    for part, seam in zip(affected, seams, strict=True):
+        name = part.source.name
+        made[name] = provenance.processing(part.made_by, along, sources, superseded, by_hand)
+        prefix = f"seam_{name}_" if len(affected) > 1 else "seam_"
+        also |= {f"{prefix}{key}": value for key, value in seam.items() if value is not None}
+    processing = made[affected[0].source.name]
+    for key in ("method", "effects", "coefficients") if len(made) > 1 else ():
+        processing = processing | {key: "; ".join(f"{name}: {each[key]}" for name, each in made.items())}
+    described = archive.FileDescription(Site(**site), along, attributes, processing, (before, after), also)
     means = [DailyMeans(axes, errors, running_h) for running_h in ((), GODIN_H)] if files.gridded[1:] else []
     counts = archive.write_gridded(files.gridded[0], whole, described, means)
     if means:
@@ -194,30 +184,3 @@ def _read_affected(
         weights=weights * (made_by.fit.method != "calibration"),
     )
     return _Affected(source, surveyed, product, made_by, near, headings, doubtful)
-
-
-def _describe_processing(
-    affected: Sequence[_Affected],
-    along: EarthField,
-    sources: Mapping[str, str],
-    superseded: Mapping[str, Any] | None,
-    by_hand: Sequence[str],
-) -> dict[str, Any]:
-    """Describe how the headings were corrected; several instruments are listed by name."""
-    each = {p.source.name: provenance.processing(p.made_by, along, sources, superseded, by_hand) for p in affected}
-    first = next(iter(each.values()))
-    if len(each) == 1:
-        return first
-    named = {
-        key: "; ".join(f"{name}: {x[key]}" for name, x in each.items()) for key in ("method", "effects", "coefficients")
-    }
-    return first | named
-
-
-def _seam_attributes(affected: Sequence[_Affected], seams: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the comparison of affected and reference velocities as global attributes, by instrument if several."""
-    attributes: dict[str, Any] = {}
-    for part, seam in zip(affected, seams, strict=True):
-        prefix = f"seam_{part.source.name}_" if len(affected) > 1 else "seam_"
-        attributes |= {f"{prefix}{key}": value for key, value in seam.items() if value is not None}
-    return attributes

@@ -1,7 +1,5 @@
 """Stages of the whole cruise: what can go on, summary, pages, manifest, and checks of the archive."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -28,17 +26,18 @@ def usable(
     """Write which moorings, calibrations and compasses can go on, and ``stopped.json`` in place of others' products.
 
     The files are work/field.json of each mooring and work/calibration.json of each calibration that are not left out,
-    possibly with a reason in place of the data.
+    possibly with a reason in place of the data. Those ``without`` were left out by request.
 
     Args:
         needed: calibrations that each mooring needs.
         shared: moorings and calibrations of each compass.
-        without: moorings and calibrations that were left out by request, by kind.
     """
     known = {Path(path).parents[1].name: read_reason(path) for path in files.calibrations}
-    known |= {name: _left_out(name) for name in without["calibrations"]}
     reasons = {Path(path).parents[1].relative_to("results").as_posix(): read_reason(path) for path in files.moorings}
-    reasons |= {name: _left_out(name) for name in without["moorings"]}
+    for whys, names in ((known, without["calibrations"]), (reasons, without["moorings"])):
+        for name in names:
+            why = f"{name} was left out of this run (--config without={name})"
+            whys[name] = {"stage": "usable", "why": why, "file": None, "advice": "run again without that option"}
     for name, others in needed.items():
         stops = [(other, why) for other in others if (why := known[other])]
         follows = [why | {"why": f"{FOLLOWS} {other}, which was stopped: {why['why']}"} for other, why in stops]
@@ -64,11 +63,6 @@ def usable(
     write_json(files.usable, {"moorings": reasons, "calibrations": known, "compasses": compasses})
     every = [*reasons.values(), *known.values()]
     say(f"{len(every)} moorings and calibrations, {sum(map(bool, every))} stopped")
-
-
-def _left_out(name: str) -> Reason:
-    why = f"{name} was left out of this run (--config without={name})"
-    return {"stage": "usable", "why": why, "file": None, "advice": "run again without that option"}
 
 
 def read_stopped(usable: str) -> dict[str, dict[str, str]]:
@@ -109,11 +103,7 @@ def report(
 
 
 def provenance(files: Files, say: Say, *, configuration: Mapping[str, Sequence[str]], attributes: Settings) -> None:
-    """Write the manifest, a crate of all ``jobs``, given by their records; the rest are arguments of ``crate.crate``.
-
-    Raises:
-        InputError: a job read a result that is not as its job wrote it.
-    """
+    """Write the manifest, a crate of all ``jobs``, given by their records; for the rest see ``crate.crate``."""
     jobs, stopped = crate.read_jobs(files.jobs), _named(read_stopped(files.usable))
     page = crate.crate(jobs, configuration=configuration, attributes=attributes, stopped=stopped)
     write_json(files.manifest, page)

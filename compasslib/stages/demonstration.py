@@ -5,8 +5,6 @@ are stored there. What a logger added to the raw axes is known from its log: wit
 difference, and the logged heading is the truth.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -120,11 +118,8 @@ def _levelled(log: Log) -> Log:
 
 
 def _shifted(log: Log) -> Log:
-    """Shift the tilts by half the log, so that they are no longer those that turned the heading.
-
-    The axes become direction cosines, whose heading is the same: their horizontal modulus, which is levelled with the
-    tilts, would follow the shifted ones.
-    """
+    """Shift the tilts by half the log, so that they are no longer those that turned the heading."""
+    # Of the axes only the directions are kept, as their levelled modulus would follow the shifted tilts.
     assert log.pitch_deg is not None and log.roll_deg is not None
     half, cosines = len(log.raw) // 2, log.raw / np.linalg.norm(log.raw, axis=1, keepdims=True)
     return replace(log, raw=cosines, pitch_deg=np.roll(log.pitch_deg, half), roll_deg=np.roll(log.roll_deg, half))
@@ -196,7 +191,7 @@ def concealed(files: Files, say: Say) -> None:
     there = {Path(path).parent.name for path in files.corrected}
     root, shown = Path(files.page).parent, [path for path in files.truths if Path(path).stem in there]
     known = {Path(path).stem: read_json(path) for path in shown}
-    errors = {name: heading_errors(truth, read_headings(root / name)) for name, truth in known.items()}
+    errors = {name: heading_errors(truth, root / name) for name, truth in known.items()}
     reach = error_reach([error for x in errors.values() for error in (x.fit_deg, x.corrected_deg)])
     moorings = [reveal(name, root, truth, errors[name], reach) for name, truth in known.items()]
     real, stored = read_json(files.recordings)["recordings"], read_json(FOLDER / "moored.json")
@@ -205,22 +200,6 @@ def concealed(files: Files, say: Say) -> None:
     content = {"rows": rows, "real": real, "stored": stored, "moorings": moorings}
     write_page(files.page, "concealed.html", **content, software=provenance.software())
     say(f"{files.page}: {len(moorings)} moorings beside the truth")
-
-
-def read_headings(folder: Path) -> dict[str, Floats]:
-    """Read the headings of a mooring's results: as recorded, by the fitted coefficients alone, and as corrected."""
-    product = netcdf.read_corrected(folder / "corrected.nc", velocities=False)
-    near = combine_references(netcdf.read_pairs(folder / "overlap.nc"))
-    fit = fit_from_json(read_json(folder / "deviation.json")["fitted"])
-    alone = correct_headings(record_readings(product.record), fit, near, None).heading_deg
-    return {
-        "time_s": product.record.time_s,
-        "recorded_deg": product.record.heading_deg,
-        "fit_deg": alone,
-        "corrected_deg": product.heading_corrected_deg,
-        "sigma_deg": product.heading_uncertainty_deg,
-        "flag": np.asarray(product.heading_corrected_quality, dtype=float),
-    }
 
 
 @dataclass(frozen=True)
@@ -279,25 +258,22 @@ class HeadingErrors:
         return float(np.mean(values[known])), float(low), float(high)
 
 
-def heading_errors(truth: Mapping[str, Any], headings: Mapping[str, Floats]) -> HeadingErrors:
-    """Compare headings, as of ``read_headings``, with the truth at the same times."""
-    known_s = np.array(truth["time_s"], dtype=float)
-    known_deg = np.array(truth["heading_deg"], dtype=float)
-    at = np.clip(np.searchsorted(known_s, headings["time_s"]), 0, len(known_s) - 1)
-    right = np.where(np.abs(known_s[at] - headings["time_s"]) < 1.0, known_deg[at], np.nan)
-    recorded, fit, corrected = (
-        angles.difference(headings[f"{key}_deg"], right) for key in ("recorded", "fit", "corrected")
-    )
-    corrected = np.where(headings["flag"] < BAD, corrected, np.nan)
-    return HeadingErrors(headings["time_s"], recorded, fit, corrected, headings["sigma_deg"])
+def heading_errors(truth: Mapping[str, Any], folder: Path) -> HeadingErrors:
+    """Compare the headings of a mooring's results with the truth at the same times."""
+    product = netcdf.read_corrected(folder / "corrected.nc", velocities=False)
+    near = combine_references(netcdf.read_pairs(folder / "overlap.nc"))
+    fit = fit_from_json(read_json(folder / "deviation.json")["fitted"])
+    alone = correct_headings(record_readings(product.record), fit, near, None).heading_deg
+    good = np.where(product.heading_corrected_quality < BAD, product.heading_corrected_deg, np.nan)
+    time_s, known_s = product.record.time_s, np.array(truth["time_s"], dtype=float)
+    at = np.clip(np.searchsorted(known_s, time_s), 0, len(known_s) - 1)
+    right = np.where(np.abs(known_s[at] - time_s) < 1.0, np.array(truth["heading_deg"], dtype=float)[at], np.nan)
+    errors = (angles.difference(heading, right) for heading in (product.record.heading_deg, alone, good))
+    return HeadingErrors(time_s, *errors, product.heading_uncertainty_deg)
 
 
 def reveal(name: str, root: Path, truth: Mapping[str, Any], errors: HeadingErrors, reach_deg: float) -> dict[str, Any]:
-    """Compare the results of a mooring with the truth, as content of its section.
-
-    Args:
-        reach_deg: limit of the axis of heading errors, common to all moorings of the page.
-    """
+    """Compare the results of a mooring with the truth, as content of its section; errors are drawn up to the reach."""
     diagnosis = read_json(root / name / "diagnosis.json")
     with tempfile.TemporaryDirectory() as folder:
         series = errors.time_s, errors.fit_deg, errors.corrected_deg, errors.sigma_deg

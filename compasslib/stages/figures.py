@@ -1,7 +1,5 @@
 """Draw moorings (currents, diagnosis, von Appen's Figs 6, 7 and 9, sections), calibrations, compasses and cruises."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,8 +7,8 @@ from typing import Any
 
 from compasslib.archive import calibrations as archived
 from compasslib.archive import netcdf, summary
-from compasslib.archive.files import read_json, write_pictures
-from compasslib.archive.gridded import read_section
+from compasslib.archive.files import embed_png, read_json, write_json
+from compasslib.archive.gridded import read_depth_series, read_section
 from compasslib.inference import product as products
 from compasslib.plots import page
 from compasslib.plots import timeseries as water
@@ -25,13 +23,11 @@ def figures(mooring: str, files: Files, say: Say) -> None:
     both = combine_references(netcdf.read_pairs(files.pairs))
     corrected = netcdf.read_corrected(files.product, velocities=False)
     shown, reference = summary.read_bin_currents(files.product), summary.reference_current(both)
-    counts = (summary.MAX_MEANS, summary.MAX_STICKS)
-    averaged, coarser = (water.average_currents(shown, reference, count) for count in counts)
     data = SimpleNamespace(
         shown=shown,
         reference=reference,
-        averaged=averaged,
-        coarser=coarser,
+        averaged=water.average_currents(shown, reference),
+        coarser=water.average_currents(shown, reference, 70),  # more sticks cannot be told apart
         headings={"recorded": page.usable_headings(corrected), "corrected": corrected.heading_corrected_deg},
         pairs=both,
         product=corrected,
@@ -45,7 +41,7 @@ def figures(mooring: str, files: Files, say: Say) -> None:
 
 def sections(mooring: str, files: Files, say: Say) -> None:
     """Draw the section, the mean profile and the rotary spectra of the gridded velocities."""
-    data = SimpleNamespace(means=read_section(files.gridded), series=summary.read_depth_series(files.gridded))
+    data = SimpleNamespace(means=read_section(files.gridded), series=read_depth_series(files.gridded))
     _draw("sections", mooring, files, data, say)
 
 
@@ -76,5 +72,6 @@ def _draw(subject: str, name: str, files: Files, data: Any, say: Say) -> None:
     for figure in files.figures:
         rows[Path(figure).stem].draw(figure, data)
     if hasattr(files, "pictures"):
-        write_pictures(files.pictures, [figure for figure in files.figures if figure.endswith(".png")])
+        pictures = [Path(figure) for figure in files.figures if figure.endswith(".png")]
+        write_json(files.pictures, {picture.stem: embed_png(picture) for picture in pictures})
     say(f"{name}: {len(files.figures)} figures")

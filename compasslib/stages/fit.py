@@ -1,7 +1,5 @@
 """Calibrate compasses, fit the deviation model to pairs, or convert a calibration to the field of a mooring."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,12 +17,7 @@ from compasslib.stages import Files, Say, Settings
 
 
 def fit(mooring: str, files: Files, say: Say, *, method: str, given: Settings | None, sphere: bool) -> None:
-    """Write the compass fitted to the pairs, or the one given in the YAML file.
-
-    Args:
-        given: arguments of ``at_mooring.compass_from_coefficients``, None where the compass is fitted.
-        sphere: whether iron near the compass is declared.
-    """
+    """Write the compass fitted to the pairs, or the one ``given`` in the YAML file; ``sphere``: iron is declared."""
     upper = netcdf.read_record(files.record, velocities=False)
     near = combine_references(netcdf.read_pairs(files.pairs))
     there = earthfield.field_from_json(read_json(files.field))
@@ -40,14 +33,7 @@ def fit(mooring: str, files: Files, say: Say, *, method: str, given: Settings | 
 
 
 def transfer_calibration(mooring: str, files: Files, say: Say, *, parts: Sequence[str], sphere: bool) -> None:
-    """Write the compass of one calibration, or of those before and after the deployment, in the mooring's field.
-
-    Nothing is fitted to the pairs, which are compared only.
-
-    Args:
-        parts: parts mounted near the mooring's compass.
-        sphere: whether iron near it is declared.
-    """
+    """Write the compass of one calibration, or of those before and after, in the mooring's field; nothing is fitted."""
     upper, there = netcdf.read_record(files.record), earthfield.field_from_json(read_json(files.field))
     elsewhere = [read_json(path) for path in files.calibrations]
     near = combine_references(netcdf.read_pairs(files.pairs))

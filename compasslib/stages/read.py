@@ -1,7 +1,5 @@
 """Read raw exports, or those simulated here, to records inside the deployment, and find where two records overlap."""
 
-from __future__ import annotations
-
 import json
 import os
 import tempfile
@@ -43,10 +41,7 @@ def read(
     mooring: str, role: str, files: Files, say: Say, *, form: str, reader: Settings, deployment: Settings,
     series: Mapping[str, Settings], neighbour: Settings | None = None,
 ) -> None:  # fmt: skip
-    """Write the ``record`` of one instrument from its files ``raw`` and the ``companions`` that the settings name.
-
-    The settings are arguments of ``record_of``.
-    """
+    """Write the ``record`` of one instrument, see ``record_of``; ``companions`` are files that the settings name."""
     settled = record_of(files.raw, form, reader, deployment, series, neighbour)
     sources = provenance.hashes([*files.raw, *files.companions])
     made = provenance.origin("record read", sources) | {netcdf.SOURCES: json.dumps(sources)}
@@ -61,8 +56,6 @@ def record_of(
     """Return the record of one instrument.
 
     Args:
-        form: a format of ``readers.FORMATS``.
-        reader: arguments of the reader.
         deployment: arguments of ``deployment.apply_deployment``.
         series: covariates to add to the record: files, columns and unit by name.
         neighbour: whose pressure gives the depth: ``table`` with time and pressure, or ``raw``, ``form``, ``reader``
@@ -88,15 +81,7 @@ def overlap(
     mooring: str, files: Files, say: Say, *, place: Settings, rules: Settings, columns: Settings | None,
     compasses: Sequence[Settings],
 ) -> None:  # fmt: skip
-    """Write the ``field`` along the deployment, and the ``pairs`` of the records, also ``wide`` ones, further apart.
-
-    A file of ``ready`` pairs replaces those of the records.
-
-    Args:
-        place: arguments of ``earthfield.field_along``.
-        columns: headers or variables of the ready-made file by role, and ``scale``.
-        compasses: arguments of ``reference_compass`` for each reference.
-    """
+    """Write the ``field``, and the ``pairs`` of the records or ``ready`` ones, also ``wide`` ones, further apart."""
     along = with_observatory_warnings(earthfield.field_along(**place), files.observatory)
     write_json(files.field, vars(along))
     along = earthfield.field_from_json(read_json(files.field))  # as every later stage reads it

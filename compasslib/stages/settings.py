@@ -4,8 +4,6 @@ A stage is given only the keys that it uses: a changed key re-runs only the stag
 files matters, it is a parameter too (``names``, ``parts``, ``heads``), as Snakemake compares their set.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -172,10 +170,7 @@ class Moorings:
         }
 
     def superseded(self, name: str) -> dict[str, Any] | None:
-        """Describe the deposit that the results of a mooring supersede, with the hashes of the mooring's files in it.
-
-        None where there is none.
-        """
+        """Describe the deposit that a mooring's results supersede, with hashes of its files; None without one."""
         root, deposits = self.cruise.root, self.cruise.options.supersedes
         if not deposits:
             return None
@@ -384,11 +379,7 @@ def array(cruise: Cruise) -> list[dict[str, Any]]:
 
 
 def check_cruise(cruise: Cruise) -> None:
-    """Refuse what no stage can process.
-
-    Raises:
-        InputError: a mooring cannot be simulated, or an effect or reader of another package, or a deposit, is unusable.
-    """
+    """Refuse what no stage can process: unknown simulations, unusable plug-ins or deposits, unequal axes of a site."""
     if plugins.declared_plugins(plugins.EFFECTS):
         from compasslib.effects import all_effects
 

@@ -13,8 +13,6 @@ Hourly currents are correlated: a thousand of them contain as much information a
 0.99
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Least squares and minimization: robust widths, bounded BFGS, Gauss-Newton steps."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -9,8 +9,6 @@ an ARMA(1, 1) series. It increases the covariance but is not used to whiten the 
 weight to motions within seconds, where the course lags behind the compass.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -122,10 +120,7 @@ def arma_variance_ratio(law: tuple[float, float]) -> float:
 
 
 def arma_innovations(columns: Floats, law: tuple[float, float]) -> Floats:
-    """Compute the innovations of evenly sampled columns under an ARMA(1, 1) model, (n, k).
-
-    The first sample is divided by its own standard deviation, and the filter is initialized from it.
-    """
+    """Compute the innovations of columns under an ARMA(1, 1) model, (n, k), the first divided by its own sigma."""
     from scipy.signal import lfilter
 
     phi, theta = law

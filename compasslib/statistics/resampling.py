@@ -1,7 +1,5 @@
 """Block-based statistics of correlated samples, and the resolution of recorded angles."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,10 +39,8 @@ def resample_blocks(series: Floats, length: int, repeats: int, seed: int) -> Flo
 def cluster_variance_inflation(
     basis: Floats, residual: Floats, block: NDArray[np.intp], variance: float
 ) -> tuple[float, float]:
-    """Compute a group's variance inflation relative to homogeneous noise, and its effective number of blocks.
-
-    The variance is cluster-robust (sandwich; Liang and Zeger, Biometrika 73, 13, 1986).
-    """
+    """Compute a group's variance inflation relative to homogeneous noise, and its effective number of blocks."""
+    # Cluster-robust (sandwich; Liang and Zeger, Biometrika 73, 13, 1986).
     k = basis.shape[1]
     held = block_sums(np.sum(basis**2, axis=1), block) / k
     concentration = float(np.sum(held**2))

@@ -5,8 +5,6 @@ autoregressive filter, fitted to the residual, is applied to residual and column
 so gaps reduce the power slightly but cause no bias.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

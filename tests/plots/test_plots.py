@@ -389,7 +389,8 @@ def test_stick_and_progressive_vectors_are_mean_currents():
     assert ways["corrected"][-1] == pytest.approx(3j * 44448.0, rel=1e-4)
     before, after = shown.mean
     assert before == pytest.approx(0.514444) and after == pytest.approx(0.514444j)
-    assert archive_currents.averaging_hours(np.array([0.0, 400 * 86400.0])) == 24.0
+    year = archive_currents.CurrentSeries(START_S + 86400.0 * np.arange(401.0), np.ones(401, complex))
+    assert timeseries.average_currents(archive_currents.BinCurrents(50.0, year, year), year).hours == 24.0
 
 
 def test_displayed_bin_is_the_nearest_with_enough_samples(tmp_path, moorings):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from compasslib.archive import gridded, netcdf, sites, summary
+from compasslib.archive import gridded, netcdf, sites
 from compasslib.archive.attributes import Site
 from compasslib.errors import InputError
 from compasslib.plots import moorings, timeseries
@@ -406,7 +406,7 @@ def test_section_figures_are_drawn_with_and_without_velocities(written, tmp_path
     nothing = np.full(shown.after.shape, complex(np.nan, np.nan))
     none = replace(shown, before=nothing, after=nothing,
                    profiles=tuple(replace(p, mean=nothing[0]) for p in shown.profiles))  # fmt: skip
-    series = summary.read_depth_series(written[0] / "gridded.nc")
+    series = gridded.read_depth_series(written[0] / "gridded.nc")
     assert series.depth_m["recorded"] == series.depth_m["corrected"] and series.step_s == HOUR_S
     long = np.exp(2j * np.pi * np.arange(40 * 24) / 12.42)
     of_long = replace(series, velocity=dict.fromkeys(series.velocity, long))
