@@ -119,8 +119,10 @@ def with_priors(member: WeightedCompass, fit: DeviationFit) -> WeightedCompass:
         return member
     covariance, simulation = _at_least(member.compass.covariance, fit.covariance[:5, :5]), member.compass.simulation
     if has_average(fit):
-        parameters, covariance, *_ = average_coefficients(simulation.parameters, covariance, fit)
-        simulation = simulation.at(parameters)
+        parameters, averaged, *_ = average_coefficients(simulation.parameters, covariance, fit)
+        shifted = simulation.at(parameters)
+        if all(term.possible for term in shifted.terms):  # else no reading would have a unique heading
+            simulation, covariance = shifted, averaged
     return replace(member, compass=replace(member.compass, simulation=simulation, covariance=covariance))
 
 

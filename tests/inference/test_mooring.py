@@ -16,6 +16,8 @@ from compasslib.demo import demonstration
 from compasslib.deviation import fit_deviation
 from compasslib.deviation.average import average_coefficients
 from compasslib.deviation.model import DeviationFit, nearest_root, pair_speeds, unfitted
+from compasslib.effects.composed import compose_effect
+from compasslib.effects.forward import ForwardModel
 from compasslib.inference import covariates, diagnosis, long_record
 from compasslib.inference import finding as findings
 from compasslib.inference import product as products
@@ -146,6 +148,22 @@ def test_a_coefficient_that_an_effect_leaves_free_is_limited_by_its_prior():
     assert abs(mean[0]) < 0.09 and averaged[0, 0] < 0.6 * covariance[0, 0]
     assert mean[5] - parameters[5] == pytest.approx(-0.9 * 0.5 / 0.15 * (mean[0] - parameters[0]), rel=0.05)
     assert averaged[5, 5] < covariance[5, 5] and np.linalg.eigvalsh(averaged).min() > 0.0
+
+
+def test_priors_do_not_make_an_effect_impossible():
+    """Regression test: readings whose effect the priors made ambiguous lost every heading of the record."""
+    fit = DeviationFit(
+        "exact", 1000, np.array([0.02, 0.0, -0.05, 0.0, 0.0]), np.diag([0.03, 0.02, 0.02, 0.01, 0.01]) ** 2
+    )
+    term = compose_effect("reading", "heading", "teeth")()
+    largest = max(x for x in np.arange(0.5, 30.0, 0.5) if term.at(np.append(x, np.zeros(33))).possible)
+    covariance = np.diag([0.15, 0.02, 0.02, 0.01, 0.01, 3.0, *[0.1] * 33]) ** 2
+    covariance[0, 5] = covariance[5, 0] = -0.9 * 0.15 * 3.0
+    simulation = ForwardModel(
+        np.array([0.17, 0.0, -0.05, 0.0, 0.0]), 12000.0, (term.at(np.append(largest, np.zeros(33))),)
+    )
+    member = products.WeightedCompass(1.0, term.name, products.AppliedCompass(simulation, covariance, {}, ()))
+    assert all(term.possible for term in products.with_priors(member, fit).compass.simulation.terms)
 
 
 def test_diagnosis_json_has_the_specified_keys(two, tmp_path):
