@@ -136,14 +136,6 @@ def test_eskdalemuir_is_a_tenth_of_a_degree_west_of_igrf():
 
 
 @real
-def test_great_storm_of_2003_is_detected_with_its_range():
-    made = observatory.calibrate([REAL / "esk20031029dmin.min"], {})
-    (storm,) = made.details["storms"]
-    assert storm["from"] == "2003-10-29T06:10:00Z" and storm["range_deg"] == pytest.approx(4.2, abs=0.05)
-    assert made.details["quiet_day"] is None
-
-
-@real
 def test_intervals_of_single_days_cover_the_annual_constant():
     from compasslib.readers import iaga2002
 
