@@ -267,8 +267,9 @@ class SectionMeans:
 
     edges_s: Floats  # (c + 1,)
     depth_m: Floats  # (z,)
-    before: Complexes  # (c, z) m/s, those of affected instruments by the recorded heading; NaN where there is none
-    after: Complexes  # (c, z) m/s, those of affected instruments by the corrected heading
+    before: Complexes  # (c, z) m/s, of affected instruments alone, by the recorded heading; NaN where there is none
+    after: Complexes  # (c, z) m/s, of all instruments, those of affected ones by the corrected heading
+    change: Complexes  # (c, z) m/s, corrected minus recorded, of affected instruments alone
     heading_sigma_deg: Floats  # (c,) rms over the interval, of the (first) affected instrument
     profiles: tuple[MeanProfile, MeanProfile]  # before and after correction
     profile_sigma: tuple[Floats, Floats]  # (z,) m/s, of the corrected mean east and north, by heading errors alone
@@ -287,28 +288,30 @@ def read_section(path: str | Path, columns: int = 400) -> SectionMeans:
         random, turned = (np.atleast_2d(read_variable(nc, name)) for name in names)
         each = -(-max(len(time_s), 1) // columns)
         count, depths = -(-len(time_s) // each), len(depth_m)
-        number, sums = np.zeros((count, depths)), np.zeros((2, count, depths), dtype=complex)
+        number, sums = np.zeros((2, count, depths)), np.zeros((3, count, depths), dtype=complex)
         moments = np.zeros((2, 3, depths), dtype=complex)
         by_mode, trusted = np.zeros((len(modes), depths), dtype=complex), np.zeros(depths)
         for k in range(count):
             rows = slice(k * each, (k + 1) * each)
             east, north, source = (read_variable(nc, name, rows) for name in ("UCUR", "VCUR", "SOURCE"))
             there, reference = source > 0, source > len(turned)
+            affected = there & ~reference
             flow = np.where(there, east + 1j * north, 0.0)
             times = np.arange(rows.start, rows.start + len(flow))[:, None]
             angle = np.where(reference, 0.0, np.nan_to_num(turned[np.clip(source, 1, len(turned)) - 1, times]))
             east, north = angles.turn(flow.real, flow.imag, -angle)
-            number[k], trusted = there.sum(axis=0), trusted + reference.sum(axis=0)
-            for velocity, total, moment in zip((east + 1j * north, flow), sums, moments, strict=True):
-                total[k] = velocity.sum(axis=0)
-                moment += [total[k], (np.abs(velocity) ** 2).sum(axis=0), (velocity**2).sum(axis=0)]
+            recorded = east + 1j * north
+            number[:, k], trusted = (affected.sum(axis=0), there.sum(axis=0)), trusted + reference.sum(axis=0)
+            sums[:, k] = (recorded * affected).sum(axis=0), flow.sum(axis=0), (flow - recorded).sum(axis=0)
+            for velocity, moment in zip((recorded, flow), moments, strict=True):
+                moment += [part.sum(axis=0) for part in (velocity, np.abs(velocity) ** 2, velocity**2)]
             by_mode += np.einsum("tz,kt,tzk->kz", flow, modes[:, rows], share[np.maximum(source - 1, 0)])
-    total = number.sum(axis=0)
+    total = number[1].sum(axis=0)
     safe = np.where((total > 0) & (total >= OFTEN * total.max(initial=0.0)), total, np.nan)
     sigma2 = share[0] ** 2 @ modes**2 + random[0] ** 2
     known = [span[np.isfinite(span)] for span in (sigma2[k * each : (k + 1) * each] for k in range(count))]
     with np.errstate(invalid="ignore", divide="ignore"):
-        before, after = np.where(number > 0, sums / number, complex(np.nan, np.nan))
+        before, after, change = sums / number[[0, 1, 0]]  # NaN where there are none
     step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else DAY_S
     first = time_s[0] - step_s / 2.0 if len(time_s) else 0.0
     return SectionMeans(
@@ -316,6 +319,7 @@ def read_section(path: str | Path, columns: int = 400) -> SectionMeans:
         depth_m=depth_m,
         before=before,
         after=after,
+        change=change,
         heading_sigma_deg=np.array([np.sqrt(x.mean()) if x.size else np.nan for x in known]) / angles.DEGREE,
         profiles=(_mean_profile(moments[0], safe), _mean_profile(moments[1], safe)),
         profile_sigma=(

@@ -286,6 +286,9 @@ def test_files_contain_the_grid_and_follow_conventions(written):
     flow = piece.cells.velocity
     means = [flow[k : k + 3] for k in range(0, N, 3)]
     assert np.allclose(shown.after, [_mean(x) for x in means], atol=1e-6, equal_nan=True)
+    affected = np.where(piece.source == 0, flow, complex(np.nan, np.nan))
+    alone = np.array([_mean(affected[k : k + 3]) for k in range(0, N, 3)])
+    assert np.allclose(shown.before + shown.change, alone, atol=1e-6, equal_nan=True)
     assert np.allclose(shown.heading_sigma_deg, np.rad2deg(np.hypot(0.05, 0.02)), atol=1e-4)
     whole = np.isfinite(flow).all(axis=0)  # depths without gaps always have a mean
     profile = shown.profiles[1]
@@ -406,7 +409,10 @@ def test_section_figures_are_drawn_with_and_without_velocities(written, tmp_path
     shown = gridded.read_section(written[0] / "gridded.nc", 50)
     nothing = np.full(shown.after.shape, complex(np.nan, np.nan))
     none = tuple(replace(p, mean=nothing[0]) for p in shown.profiles)
-    for name, content in (("some", shown), ("none", replace(shown, before=nothing, after=nothing, profiles=none))):
+    for name, content in (
+        ("some", shown),
+        ("none", replace(shown, before=nothing, after=nothing, change=nothing, profiles=none)),
+    ):
         for draw, width_in in ((timeseries.draw_section, WIDE_IN), (timeseries.draw_profile, WIDTH_IN)):
             draw(tmp_path / f"{name}.png", content)
             with Image.open(tmp_path / f"{name}.png") as image:
