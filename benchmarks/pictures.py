@@ -38,14 +38,17 @@ def demonstration(cruise: Path) -> None:
     whole.save(DOCS / "currents.png", compress_level=9)
 
 
-def report(cruise: Path) -> None:
-    """Take the top of the report as Chromium shows it; left as it is where there is none."""
+def pages(cruise: Path) -> None:
+    """Take the top of the report, and EG4 in the page of the series, as Chromium shows them; left if there is none."""
     from tests.world import browser
 
     if browser.program():
         with tempfile.TemporaryDirectory() as folder, browser.chromium(Path(folder)) as chromium:
             chromium.open(cruise / "results/report.html", 1200, 1500)
             chromium.picture(DOCS / "report.png", whole=False)
+            chromium.open(cruise / "results/explore.html", 1200, 1130)
+            chromium.ask("choose('EG4')")
+            chromium.picture(DOCS / "explore.png", whole=False)
 
 
 def tutorial(cruise: Path) -> None:
@@ -88,7 +91,7 @@ def power(_: None) -> None:
 # With the cruise to run first, relative to the project; that of the tutorial is made by hand.
 MAKERS: dict[str, tuple[Callable[..., None], str]] = {
     "demonstration": (demonstration, "."),
-    "report": (report, "."),
+    "pages": (pages, "."),
     "tutorial": (tutorial, "given"),
     "redeployed": (redeployed, "examples/redeployed"),
     "concealed": (concealed, "."),

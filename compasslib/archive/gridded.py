@@ -247,8 +247,9 @@ class SectionMeans:
 
     edges_s: Floats  # (c + 1,)
     depth_m: Floats  # (z,)
-    before: Complexes  # (c, z) m/s, those of affected instruments by the recorded heading; NaN where there is none
-    after: Complexes  # (c, z) m/s, those of affected instruments by the corrected heading
+    before: Complexes  # (c, z) m/s, of affected instruments alone, by the recorded heading; NaN where there is none
+    after: Complexes  # (c, z) m/s, of all instruments, those of affected ones by the corrected heading
+    change: Complexes  # (c, z) m/s, corrected minus recorded, of affected instruments alone
     heading_sigma_deg: Floats  # (c,) rms over the interval, of the (first) affected instrument
     profiles: tuple[MeanProfile, MeanProfile]  # before and after correction
     profile_sigma: tuple[Floats, Floats]  # (z,) m/s, of the corrected mean east and north, by heading errors alone
@@ -262,12 +263,15 @@ def read_section(path: str | Path, columns: int = 400) -> SectionMeans:
     """Average gridded.nc over at most ``columns`` equal intervals of time, by default as many as a print shows."""
     grid = open_gridded(path)
     time_s, there, errors = grid.time_s, grid.source >= 0, grid.errors
+    affected = there & grid.affected
     each = -(-max(len(time_s), 1) // columns)
     begins = np.arange(0, len(time_s), each)
     flows = np.where(there, [grid.recorded, grid.velocity], 0.0)
-    number, total = np.add.reduceat(there.astype(float), begins, axis=0), there.sum(axis=0)
+    sums = np.add.reduceat([flows[0] * affected, flows[1], flows[1] - flows[0]], begins, axis=1)
+    number = np.add.reduceat(np.array([affected, there, affected], dtype=float), begins, axis=1)
+    total = there.sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        before, after = np.where(number > 0, np.add.reduceat(flows, begins, axis=1) / number, GAP)
+        before, after, change = np.where(number > 0, sums / number, GAP)
     safe = np.where((total > 0) & (total >= OFTEN * total.max(initial=0)), total, np.nan)
     modes = np.nan_to_num(errors.modes)
     of_source = [np.where(grid.source == s, flows[1], 0.0) for s in range(len(errors.shares))]
@@ -281,6 +285,7 @@ def read_section(path: str | Path, columns: int = 400) -> SectionMeans:
         depth_m=grid.depth_m,
         before=before,
         after=after,
+        change=change,
         heading_sigma_deg=np.array([np.sqrt(x.mean()) if x.size else np.nan for x in known]) / angles.DEGREE,
         profiles=(_mean_profile(flows[0], safe), _mean_profile(flows[1], safe)),
         profile_sigma=(np.linalg.norm(by_mode.imag, axis=0) / safe, np.linalg.norm(by_mode.real, axis=0) / safe),

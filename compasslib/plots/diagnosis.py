@@ -105,8 +105,10 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float, *,
     reached, edge = np.minimum(step, page.GAP * np.median(step)) / 2.0, np.median(step) / 2.0
     low, high = x - np.insert(reached, 0, edge), x + np.append(reached, edge)
     axes.bar(low, 2.0 * half, high - low, -half, align="edge", **NOISE)
-    sized = sigma <= 10.0 * np.median(sigma)  # bins that say nothing do not set the scale
-    largest = max(float(np.max(np.abs(values[sized]))) for values in (before, after, half))
+    if hidden := len(curve["centre"]) - len(x):
+        told = f"{hidden} uncertain bin{'s' * (hidden > 1)} not shown"
+        axes.annotate(told, (1.0, 0.0), xycoords="axes fraction", ha="right", va="bottom", fontsize=6.5)
+    largest = max(float(np.max(np.abs(values))) for values in (before, after, half))
     axes.set_ylim(-1.1 * largest, 1.1 * largest)
     axes.axhline(0.0, color=page.GREY, linewidth=0.6)
     if np.any(before != after):
@@ -134,7 +136,8 @@ def _follow(axes: Axes, curve: Mapping[str, Any], proven: Sequence[Mapping[str, 
         return
     texts, proof = [], of_it[0]["heldout"]
     if slope := proof.get("slope"):
-        x = np.array([min(curve["centre"]), 0.0, max(curve["centre"])])
+        centre = _columns(curve)[0]
+        x = np.array([min(centre[0], 0.0), 0.0, max(centre[-1], 0.0)])
         axes.fill_between(x, slope["low"] * x, slope["high"] * x, **page.SHADE)
         axes.plot(x, slope["value"] * x, color=page.CORRECTED, linewidth=1.0)
         texts.append("slope {value:.2f} ({low:.2f} to {high:.2f})".format(**slope).replace("-", "−"))
@@ -145,10 +148,14 @@ def _follow(axes: Axes, curve: Mapping[str, Any], proven: Sequence[Mapping[str, 
 
 
 def _columns(curve: Mapping[str, Any]) -> tuple[Floats, ...]:
-    """Collect centre, residual before and after, and standard error of each bin, (n,) each, sorted by centre."""
+    """Collect centre, residual before and after, and standard error of the bins, (n,) each, sorted by centre.
+
+    Bins of less than 1/25 of the usual information, which would set the scale and show nothing, are left out.
+    """
     names = ("centre", "before_deg", "after_deg", "sigma_deg")
     columns = np.array([curve[name] for name in names], dtype=float)
-    return tuple(columns[:, np.argsort(columns[0], kind="stable")])
+    columns = columns[:, np.argsort(columns[0], kind="stable")]
+    return tuple(columns[:, columns[3] <= 5.0 * np.median(columns[3])])
 
 
 def _label(covariate: str, names: Mapping[str, str], units: Mapping[str, str]) -> str:

@@ -55,33 +55,29 @@ Mean at {{ r.currents.depth_m | number(0) }} m: {{ before }} recorded
         "roses",
         lambda path, m: plots.timeseries.draw_roses(path, m.shown, m.reference, m.headings),
         "Direction frequencies",
-        """\
-Headings {{ span(r.headings.recorded_span_deg) }} recorded
-{%- if r.headings.corrected %}, {{ span(r.headings.corrected_span_deg) }} corrected{% endif %}.""",
-        note="Share of the samples in sectors of 10°. The range of headings, clockwise, holds their central 90 %.",
+        note="Share of the samples in sectors of 10°.",
     ),
     Figure(
         "diagnosis",
         lambda path, m: plots.diagnosis.draw_diagnosis(path, m.diagnosis, dated=True),
         "Residual of the fit",
         "{{ about(r.diagnosis) }}",
-        note="Difference from the reference that the fitted compass leaves, in bins, without (orange) and with (blue) the identified effects. The last "
-        "quantity is the one that the residual follows best, which is no proof: one always is. Against a turn: held out days and the "
-        "prediction of the others; black: equality; blue: slope, 1 where form and size are right, with its 95 % range. Last panel: size "
-        "on held out days with its 95 % interval, by the other days, and the heading error without the correction.",
+        note="What the fitted compass leaves of the difference from the reference, in bins, without (orange) and with (blue) the identified effects; the "
+        "last quantity is the one that it follows best, which proves nothing. Against a turn: held out days and the prediction of the others, with "
+        "slope 1 where form and size are right. Last panel: size on held out days.",
         of_pairs=True,
     ),
     Figure(
         "deviation",
         lambda path, m: plots.deviation.draw_deviation(path, m.pairs, m.fit),
-        "Deviation of the compass",
+        "Deviation",
         """\
 {% set fit = r.fit %}
 {% if not fit.coefficients %}
 No curve was fitted. {{ r.fit.why | sentence }}
 {% else %}
-{{ methods.get(fit.method, fit.method) | capitalize }}, {{ fit.n_pairs | plural("pair") if fit.n_pairs else "no pair of this mooring" }}
-{{- "; two correct headings for each recorded one" if fit.folded }}.
+{{ [fit.method != "exact" and methods.get(fit.method, fit.method), not fit.n_pairs and "no pair of this mooring",
+  fit.folded and "two correct headings for each recorded one"] | select | join("; ") | sentence }}
 {% endif %}""",
         note="Deviation by correct heading β; recorded heading γ by correct heading, and its inverse; bands are 95 % intervals of the fit.",
         of_pairs=True,
@@ -89,14 +85,14 @@ No curve was fitted. {{ r.fit.why | sentence }}
     Figure(
         "histograms",
         lambda path, m: plots.deviation.draw_histograms(path, m.histograms, m.assessment),
-        "Histograms before and after",
+        "Histograms",
         note="Bottom: mean, median size and rms of the difference from the reference, with 95 % intervals.",
         of_pairs=True,
     ),
     Figure(
         "scatter",
         lambda path, m: plots.deviation.draw_scatter(path, m.pairs, m.product),
-        "Direction compared with the reference",
+        "Directions compared",
         "{{ '' if r.assessment.before.n else 'There are no pairs: no reference measured near enough to compare.' }}",
         note="All pairs, those of the fit included; the line is equality.",
         of_pairs=True,
@@ -112,16 +108,14 @@ The record has no sample inside the deployment.
 {% elif h.corrected < h.n or h.doubtful %}
 {{ (h.corrected / h.n) | percent }} corrected, {{ (h.doubtful / h.n) | percent }} doubtful.
 {% endif %}""",
-        note="Headings with one standard deviation; daily share of each flag; depth of the instrument.",
     ),
 )
 SECTIONS = (
     Figure(
         "section",
         lambda path, m: plots.timeseries.draw_section(path, m.means),
-        "Sections before and after",
-        note="The corrected section includes the reference, at the depths with a grey edge. Light grey: nothing was measured. Bottom: standard "
-        "uncertainty of the corrected directions.",
+        "Sections",
+        note="The corrected section includes the reference, which has most values at the depths with a grey edge. Light grey: nothing was measured.",
     ),
     Figure(
         "profile",
@@ -133,8 +127,8 @@ SECTIONS = (
         "rotary",
         lambda path, m: plots.moorings.draw_rotary(path, m.series),
         "Rotary spectra",
-        note="At the depths with most values, from segments of 15 days that overlap by half; the bar is their 95 % interval. f: inertial frequency; "
-        "K1, M2: diurnal and semidiurnal tide. A deviation that changes with the heading spreads power over all frequencies.",
+        note="At the depths with most values, from segments of 15 days. f: inertial frequency; K1, M2: diurnal and semidiurnal tide. A deviation that "
+        "changes with the heading spreads power over all frequencies.",
     ),
 )
 
@@ -205,10 +199,16 @@ COMPASS = (
 )
 CRUISE = (
     Figure(
+        "map",
+        lambda path, m: plots.moorings.draw_map(path, m.array),
+        "Map",
+        "Positions of the moorings.",
+    ),
+    Figure(
         "array",
         lambda path, m: plots.moorings.draw_array(path, m.array),
         "The array",
-        "Water depth and nominal depths of the instruments, as configured.",
+        "Water depth and nominal depths of the instruments.",
     ),
     Figure(
         "curves",

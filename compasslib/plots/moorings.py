@@ -1,4 +1,4 @@
-"""Figures of moorings: array, deviations, differences from the reference, currents, rotary spectra."""
+"""Figures of moorings: map, array, deviations, differences from the reference, currents, rotary spectra."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from compasslib import angles
 from compasslib.archive.gridded import DepthSeries
@@ -171,11 +173,12 @@ def draw_rotary(path: str | Path, series: DepthSeries) -> None:
     sidereal_cpd = 1.00273791  # turns of the earth in a day, the frequency of K1
     inertial_cpd = 2.0 * abs(float(angles.sin_cos(series.latitude)[0])) * sidereal_cpd
     marks = {"K1": sidereal_cpd, "M2": 24.0 / 12.4206, "f": inertial_cpd}  # cycles per day
+    if not known:
+        with page.create(path, 0.8) as figure:
+            page.empty(figure.subplots(), words="no 15 days without a gap")
+        return
     with page.create(path, 4.4) as figure:
         panels = figure.subplots(2, 1, sharex=True, sharey=True)
-        if not known:
-            page.empty(*panels, words="no 15 days without a gap")
-            return
         for axes, sense in zip(panels, ("clockwise", "counterclockwise"), strict=True):
             for name in (name for name in SERIES if name in known):
                 density = page.CM**2 * getattr(known[name], sense)
@@ -201,6 +204,59 @@ def draw_rotary(path: str | Path, series: DepthSeries) -> None:
         panels[1].set_xlabel("Frequency (cycles per day)")
         labels = {name: f"{name}, {series.depth_m[name]:g} m" for name in SERIES if name in known}
         page.legend(figure, [page.line(label, color=page.COLOURS[name]) for name, label in labels.items()])
+
+
+def draw_map(path: str | Path, moorings: Sequence[Mapping[str, Any]]) -> None:
+    """Draw the positions from above, given by name, latitude and longitude; if many lie close together, these again."""
+    north, east = (np.array([mooring[key] for mooring in moorings]) for key in ("latitude", "longitude"))
+    names = [str(mooring["name"]) if len(moorings) <= NAMED else "" for mooring in moorings]
+    if names:
+        east = (middle := float(angles.mean(east))) + angles.difference(east, middle)  # one side of the date line
+    away = np.maximum(np.abs(north - np.median(north)), np.abs(east - np.median(east))) if names else north
+    close = away < 0.1 * away.max(initial=0.0)
+    several = close.sum() > 2 and any(names)
+    with page.create(path, 3.8, width_in=page.WIDE_IN) as figure:
+        panels = figure.subplots(1, 1 + several, squeeze=False)[0]
+        if not names:
+            page.empty(*panels)
+            return
+        if several:
+            _draw_positions(panels[1], north[close], east[close], [names[k] for k in np.flatnonzero(close)])
+            for k in np.flatnonzero(close):
+                names[k] = "(b)" if k == np.argmax(close) else ""
+        _draw_positions(panels[0], north, east, names)
+
+
+def _draw_positions(axes: Axes, north: Floats, east: Floats, names: Sequence[str]) -> None:
+    """Draw positions, (n,) degrees, with a scale bar; names stand at the right, by latitude."""
+    narrow = max(float(angles.sin_cos(north.mean())[1]), 0.01)  # degrees of longitude are shorter than of latitude
+    half = 0.6 * np.array([narrow * np.ptp(east), np.ptp(north)])
+    half = np.maximum(half, max(0.4 * float(half.max()), 0.01)) / (narrow, 1.0)
+    middle = np.array([east.min() + east.max(), north.min() + north.max()]) / 2.0
+    (left, bottom), (right, top) = middle - half, middle + half
+    axes.set(xlim=(left, right), ylim=(bottom, top), aspect=1.0 / narrow)
+    axes.plot(east, north, linestyle="", marker="o", markersize=3.0, color=page.VERMILION)
+    beside = axes.inset_axes((1.0, 0.0, 0.05, 1.0))
+    beside.set_axis_off()
+    named = [k for k in np.argsort(-north) if names[k]]
+    look: dict[str, Any] = {"va": "center", "xycoords": axes.transData, "textcoords": "axes fraction"}
+    look["arrowprops"] = {"arrowstyle": "-", "color": page.GREY, "linewidth": 0.5, "relpos": (0.0, 0.5)}
+    for row, k in enumerate(named):
+        beside.annotate(names[k], (east[k], north[k]), (1.0, 1.0 - (row + 0.5) / len(named)), **look)
+    degree_km = 111.2 * narrow
+    scale_km = round_down(degree_km * half[0])
+    bar: dict[str, Any] = {"color": page.BLACK, "linewidth": 4.0, "solid_capstyle": "butt", "clip_on": False}
+    axes.plot([right - scale_km / degree_km, right], [top, top], **bar)
+    axes.set_title(f"{scale_km:g} km", loc="right")
+    for axis, (plus, minus) in ((axes.xaxis, "EW"), (axes.yaxis, "NS")):
+        axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+        axis.set_major_formatter(FuncFormatter(lambda x, _, plus=plus, minus=minus: _coordinate(x, plus, minus)))
+    axes.grid(alpha=0.3, linewidth=0.5)
+
+
+def _coordinate(value_deg: float, plus: str, minus: str) -> str:
+    turned = round(float(angles.wrap180(value_deg)), 6)
+    return f"{abs(turned):g}° {plus if turned >= 0.0 else minus}"
 
 
 def draw_array(path: str | Path, moorings: Sequence[Mapping[str, Any]]) -> None:

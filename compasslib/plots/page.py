@@ -226,7 +226,7 @@ def find_gaps(time_s: Floats) -> NDArray[np.intp]:
 
 def signed(x: float, form: str = "+.1f") -> str:
     """Format a number with a typographic minus sign."""
-    return f"{x:{form}}".replace("-", "\N{MINUS SIGN}")
+    return f"{x:{form.replace('.', 'z.')}}".replace("-", "\N{MINUS SIGN}")  # z: no minus before zero
 
 
 def empty(*panels: Axes, words: str = "no data") -> None:

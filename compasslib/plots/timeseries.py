@@ -268,13 +268,19 @@ def _draw_rose(axes: PolarAxes, series: Mapping[str, Floats]) -> None:
     axes.grid(linewidth=0.4)
 
 
+MOST_DEPTHS = 100  # of a panel: two pixels of a print each
+
+
 def draw_section(path: str | Path, section: SectionMeans) -> None:
-    """Draw velocity by time and depth before and after, where often measured, the difference, and the uncertainty."""
+    """Draw velocity by time and depth before and after correction, the difference, and the uncertainty of direction.
+
+    Depths above and below those that were measured a tenth as often as any are left out; more than ``MOST_DEPTHS`` are
+    averaged, as a profiler leaves many of them out in each profile.
+    """
     by_reference, depth_m = np.nan_to_num(section.reference_share) >= 0.5, section.depth_m
-    before = np.where(by_reference, complex(np.nan, np.nan), section.before)  # a reference is not corrected
     after = section.after.copy()
     after[:, by_reference] = _as_columns(after[:, by_reference])
-    rows = {"recorded": before, "corrected": after, "corrected minus recorded": section.after - before}
+    rows = {"recorded": section.before, "corrected": after, "corrected minus recorded": section.change}
     with page.create(path, 6.6, width_in=page.WIDE_IN) as figure:
         layout: list[Any] = [[f"U, {row}", f"V, {row}"] for row in rows]
         panels = figure.subplot_mosaic([*layout, ["σ", "σ"]], height_ratios=[2.0, 2.0, 2.0, 1.2])
@@ -285,19 +291,24 @@ def draw_section(path: str | Path, section: SectionMeans) -> None:
         half = float(np.median(np.diff(depth_m))) / 2.0 if len(depth_m) > 1 else 0.5
         edges = np.append(depth_m - half, depth_m[-1] + half)
         for row, values in rows.items():
-            scale = np.concatenate([before, after] if row in ("recorded", "corrected") else [values])
-            known = np.abs(np.concatenate([part[np.isfinite(part)] for part in (scale.real, scale.imag)]))
-            limit = max(page.CM * float(np.percentile(known, 98.0)), 1.0) if known.size else 1.0
+            scale = np.concatenate([section.before, after] if row in ("recorded", "corrected") else [values])
+            sizes = np.abs(np.concatenate([part[np.isfinite(part)] for part in (scale.real, scale.imag)]))
+            limit = max(page.CM * float(np.percentile(sizes, 98.0)), 1.0) if sizes.size else 1.0
             often = np.isfinite(values).sum(axis=0)
             shown = np.flatnonzero(often >= max(0.1 * often.max(initial=0), 1))
-            for name, part in (("U", values.real), ("V", values.imag)):
+            top, bottom = (shown[0], shown[-1] + 1) if shown.size else (0, len(depth_m))
+            begin = np.arange(top, bottom, -(-(bottom - top) // MOST_DEPTHS))
+            known = np.isfinite(values[:, :bottom])
+            with np.errstate(invalid="ignore"):  # NaN where there are none
+                means = np.add.reduceat(np.where(known, values[:, :bottom], 0.0), begin, axis=1)
+                means /= np.add.reduceat(known.astype(float), begin, axis=1)
+            for name, part in (("U", means.real), ("V", means.imag)):
                 axes = panels[f"{name}, {row}"]
                 axes.set_title(f"{name}, {row}")
                 look: dict[str, Any] = {"cmap": "RdBu_r", "norm": Normalize(-limit, limit), "rasterized": True}
-                image = axes.pcolormesh(section.edges_s / DAY_S, edges, page.CM * part.T, **look)
+                image = axes.pcolormesh(section.edges_s / DAY_S, edges[[*begin, bottom]], page.CM * part.T, **look)
                 axes.set_facecolor("#DDDDDD")
-                if shown.size:
-                    axes.set_ylim(edges[shown[-1] + 1], edges[shown[0]])
+                axes.set_ylim(edges[bottom], edges[top])
                 axes.locator_params(axis="y", nbins=4, steps=page.ROUND)
                 page.dates(axes, span)
                 axes.set(xlabel="", ylabel="Depth (m)" if name == "U" else "")

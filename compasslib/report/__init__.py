@@ -44,7 +44,10 @@ from compasslib.report.sections import (
     stopped_section,
 )
 
-MOORINGS = "All moorings; σ: median standard uncertainty of the headings; error removed: rms of their correction"
+MOORINGS = (
+    "All moorings; σ: median standard uncertainty of the headings; error removed: rms of their correction; rms: of the "
+    "current's direction minus the reference's, mostly water and noise"
+)
 TABLES = {
     "deployment": "Deployments; instruments with format and nominal depth",
     "coefficient": "Coefficients of the compasses ± 1σ, dimensionless for the exact compass",

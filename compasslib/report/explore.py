@@ -57,6 +57,7 @@ def collect(name: str, root: Path, row: Mapping[str, str], share: float) -> dict
         section["reference"] = (np.nan_to_num(means.reference_share) >= 0.5).tolist()  # which has no recorded heading
     return {
         "name": name, "use": row["use"], "verdict": row["verdict"], "sigma": row["use_sigma_deg"], "n": len(time_s),
+        "meaning": words.definitions().get(row["verdict"], "").removeprefix("Verdict: "),
         "depth": None if np.isnan(depth_m) else round(depth_m), "series": about, "section": section,
         "spans": list(describe_spans(root / name)),
         "bytes": base64.b64encode(zlib.compress(b"".join(packed), 9)).decode(),

@@ -196,8 +196,6 @@ def _summarize_headings(path: Path) -> dict[str, Any]:
         "sigma_deg": _percentiles(sigma[there], (50.0, 95.0)),
         "removed_deg": error_removed(deviation[there], common[there]),
         "largest_deviation_deg": float(np.max(np.abs(deviation[there]))) if there.any() else float("nan"),
-        "recorded_span_deg": heading_span(recorded),
-        "corrected_span_deg": heading_span(corrected),
         "declination_deg": _percentiles(declination[np.isfinite(declination)], (0.0, 100.0)),
         "attributes": attributes,
         "missing": missing,  # global attributes required by the conventions
@@ -227,14 +225,6 @@ def draw_differences(assessment: Mapping[str, Any]) -> tuple[tuple[str, str], ..
         for kind, each in zip(("recorded", "corrected"), heights, strict=True)
         if np.any(each < 24.0)
     )
-
-
-def heading_span(heading_deg: Floats) -> tuple[float, float]:
-    """Compute the 5th and 95th percentile of finite headings about their circular mean, degrees; NaN without any."""
-    finite = heading_deg[np.isfinite(heading_deg)]
-    middle = angles.mean(finite)
-    low, high = _percentiles(angles.difference(finite, middle), (5.0, 95.0))
-    return float(angles.wrap360(middle + low)), float(angles.wrap360(middle + high))
 
 
 def _percentiles(values: Floats, at: tuple[float, float]) -> tuple[float, float]:

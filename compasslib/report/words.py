@@ -34,7 +34,7 @@ def number(value: float | None, digits: int = 1) -> str:
         return UNKNOWN
     if abs(value) >= 1e9:  # only results of a failed fit are that large, and could have 140 digits
         return f"{value:.1e}".replace("-", MINUS)
-    return f"{value:.{digits}f}".replace("-", MINUS)
+    return f"{value:z.{digits}f}".replace("-", MINUS)  # z: no minus before zero
 
 
 def degrees(value: float | None, digits: int = 1) -> str:
@@ -210,7 +210,7 @@ def paragraphs(template: str, block: str, **given: Any) -> tuple[str, ...]:
     return tuple(text for part in filled if (text := re.sub(r"[ \n]+", " ", part).strip(" ")))
 
 
-HELPERS = '{% from "mooring.txt" import methods, span %}'
+HELPERS = '{% from "mooring.txt" import methods %}'
 
 
 def caption(text: str, **given: Any) -> str:

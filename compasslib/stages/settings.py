@@ -362,7 +362,7 @@ def report(cruise: Cruise) -> Arguments:
 
 
 def array(cruise: Cruise) -> list[dict[str, Any]]:
-    """Describe water depth and instruments of each mooring, with all of its affected instruments together."""
+    """Describe place and instruments of each mooring, with all of its affected instruments together."""
     order = ("other", "affected", "reference")  # in which their symbols are drawn, the smallest last
     described = []
     for name, parts in cruise.whole.items():
@@ -374,7 +374,7 @@ def array(cruise: Cruise) -> list[dict[str, Any]]:
             instrument = mooring.instruments[each]
             depth_m = None if instrument.format == "mmp_acm" else instrument.depth
             instruments.append({"depth_m": depth_m, "orientation": instrument.orientation, "role": roles[each]})
-        described.append({"name": name, "water_depth_m": mooring.water_depth, "instruments": instruments})
+        described.append({"name": name, **_place(mooring), "instruments": instruments})
     return described
 
 

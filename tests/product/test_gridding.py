@@ -285,6 +285,9 @@ def test_files_contain_the_grid_and_follow_conventions(written):
     flow = piece.cells.velocity
     means = [flow[k : k + 3] for k in range(0, N, 3)]
     assert np.allclose(shown.after, [_mean(x) for x in means], atol=1e-6, equal_nan=True)
+    affected = np.where(piece.source == 0, flow, complex(np.nan, np.nan))
+    alone = np.array([_mean(affected[k : k + 3]) for k in range(0, N, 3)])
+    assert np.allclose(shown.before + shown.change, alone, atol=1e-6, equal_nan=True)
     assert np.allclose(shown.heading_sigma_deg, np.rad2deg(np.hypot(0.05, 0.02)), atol=1e-4)
     whole = np.isfinite(flow).all(axis=0)  # depths without gaps always have a mean
     profile = shown.profiles[1]
@@ -404,7 +407,7 @@ def test_deployments_of_a_site_are_joined_with_their_errors(written, tmp_path, d
 def test_section_figures_are_drawn_with_and_without_velocities(written, tmp_path):
     shown = gridded.read_section(written[0] / "gridded.nc", 50)
     nothing = np.full(shown.after.shape, complex(np.nan, np.nan))
-    none = replace(shown, before=nothing, after=nothing,
+    none = replace(shown, before=nothing, after=nothing, change=nothing,
                    profiles=tuple(replace(p, mean=nothing[0]) for p in shown.profiles))  # fmt: skip
     series = gridded.read_depth_series(written[0] / "gridded.nc")
     assert series.depth_m["recorded"] == series.depth_m["corrected"] and series.step_s == HOUR_S

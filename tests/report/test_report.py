@@ -159,7 +159,7 @@ def test_every_figure_has_an_alternative_text_and_a_caption(done, document):
     pictures = document.all("img")
     drawn = [path for path in (done / "results").rglob("figures/*.png") if path.stem != "certificate"]
     of_pairs = sum(row.of_pairs for row in MOORING)  # ALONE has no pairs
-    assert len(drawn) == 2 * 11 + 4 + 2 * 2 and len(pictures) == len(drawn) - of_pairs
+    assert len(drawn) == 2 * 11 + 5 + 2 * 2 and len(pictures) == len(drawn) - of_pairs
     assert len({one.attributes["alt"] for one in pictures}) == len(pictures) <= len(document.all("figcaption"))
 
 

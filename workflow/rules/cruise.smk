@@ -45,7 +45,7 @@ rule summary:
 
 
 rule cruise_figures:
-    """Draw figures of all moorings: array, deviations, differences from the reference, currents."""
+    """Draw figures of all moorings: map, array, deviations, differences from the reference, currents."""
     input:
         usable="results/usable.json",
         deviations=of_usable("moorings", "deviation.json"),

@@ -101,8 +101,11 @@ function mark(u, what) {
     if (what === "shade") return whole || context.fillRect(x0, top, x1 - x0, height);
     if (what === "outline" && !whole) context.strokeRect(x0, top, x1 - x0, height);
     if (charts.length && charts[0] !== u) return;
+    const [x, y] = [x0 + 4 * ratio, top + (13 + 14 * (k % 3)) * ratio];
+    context.fillStyle = colour("page") + "d0";
+    context.fillRect(x, y - 11 * ratio, context.measureText(span.text).width, 14 * ratio);
     context.fillStyle = colour("ink");
-    context.fillText(span.text, x0 + 4 * ratio, top + (13 + 14 * (k % 3)) * ratio);
+    context.fillText(span.text, x, y);
   });
   context.restore();
 }
@@ -257,7 +260,7 @@ async function choose(name) {
   view = null;
   await unpack(current);
   byId("mooring").value = current.name;
-  byId("about").textContent = `${current.name}: can it be used? ${current.use || "no"}` + (current.sigma ? `, σ ${Number(current.sigma).toFixed(1)}°` : "") + `; ${current.verdict}.`;
+  byId("about").textContent = `${current.name}: can it be used? ${current.use || "no"}` + (current.sigma ? `, σ ${Number(current.sigma).toFixed(1)}°` : "") + `; ${current.verdict}` + (current.meaning ? `: ${current.meaning}` : ".");
   byId("values").textContent = "";
   if (current.times.length > 1) draw(); else plots.textContent = "No sample inside the deployment.";
   document.body.dataset.drawn = current.name;
