@@ -15,10 +15,6 @@ def run(folder: Path, name: str = "M1") -> dict[str, Any]:
     """Process a mooring and return its summary row and results, or ``error`` with the one-line message.
 
     Unlike ``process_mooring``, it writes into the workflow's folder, replaces files and keeps incomplete results.
-
-    Args:
-        folder: cruise folder.
-        name: name of the mooring.
     """
     results = folder.absolute() / "results" / name
     try:

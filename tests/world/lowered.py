@@ -43,12 +43,7 @@ CLIMATE = Climate(mean_m_s=0.12, along_deg=110.0, tide_m_s=0.06, red_m_s=0.08)
 
 
 def write_station(folder: Path | str, seed: int = 1) -> None:
-    """Write the PD0 file of the lowered profiler, the table of the ship's profiler, and separately the truth.
-
-    Args:
-        folder: folder of the cruise; files are written to ``raw/LADCP1`` and ``truth``.
-        seed: the same seed gives the same bytes.
-    """
+    """Write the PD0 file of the lowered profiler, the table of the ship's profiler, and separately the truth."""
     raw, truth = Path(folder) / "raw" / NAME, Path(folder) / "truth" / f"{NAME}.csv"
     raw.mkdir(parents=True, exist_ok=True)
     truth.parent.mkdir(parents=True, exist_ok=True)
@@ -64,12 +59,7 @@ def write_station(folder: Path | str, seed: int = 1) -> None:
 
 
 def relative(water: Water, time_s: Floats, depth_m: Floats) -> Complexes:
-    """Compute the current relative to the drifting ship, true east + i north, m/s, with the shape of ``depth_m``.
-
-    Args:
-        time_s: times, (n,).
-        depth_m: depths, (n,) or (n, m).
-    """
+    """Compute the current relative to the drifting ship at times (n,) and depths, (n,) or (n, m), east + i north."""
     return sea.velocity(water, time_s, depth_m) - DRIFT_M_S * towards(250.0)
 
 

@@ -79,11 +79,7 @@ class Posture:
 
 
 def lower(rng: np.random.Generator, sea: Sea, start_s: float) -> Motion:
-    """Simulate the motion of a frame on its way down and up again.
-
-    Args:
-        start_s: time at which it enters the water, UTC seconds since 1970.
-    """
+    """Simulate the motion of a frame on its way down and up again, from a time in UTC seconds since 1970."""
 
     def smooth(series: Floats) -> Floats:  # a heavy frame has inertia: a running mean over two seconds, twice
         once = uniform_filter1d(series, SMOOTH_STEPS, mode="nearest")
@@ -107,11 +103,7 @@ def lower(rng: np.random.Generator, sea: Sea, start_s: float) -> Motion:
 
 
 def stand(rng: np.random.Generator, motion: Motion, head: Head, field_nt: tuple[float, float] = FIELD_NT) -> Posture:
-    """Simulate the attitude of a head at its pings, and the readings of its compass and inclinometers.
-
-    Args:
-        field_nt: horizontal and vertical field, nT.
-    """
+    """Simulate attitude and readings of a head at its pings; the field is horizontal and vertical."""
     time = np.arange(motion.time_s[0] + head.first_s, motion.time_s[-1], head.ping_s)
     depth, heading, pitch, roll = (
         np.interp(time, motion.time_s, series)
@@ -136,12 +128,7 @@ def stand(rng: np.random.Generator, motion: Motion, head: Head, field_nt: tuple[
 
 
 def ensembles(posture: Posture, *, looks_up: bool, velocity_m_s: Floats | None = None) -> Ensembles:
-    """Build the record of a head, with times by its clock and headings by its compass.
-
-    Args:
-        looks_up: orientation bit.
-        velocity_m_s: four recorded components, (n, m, 4), NaN where bad; None: zeros in one cell.
-    """
+    """Build the record of a head by its clock; velocities are (n, m, 4), NaN where bad, or zeros in one cell."""
     n = posture.time_s.size
     velocity = np.zeros((n, 1, 4)) if velocity_m_s is None else velocity_m_s
     cells = (n, velocity.shape[1], 4)
@@ -164,12 +151,7 @@ def ensembles(posture: Posture, *, looks_up: bool, velocity_m_s: Floats | None =
 
 
 def setup(*, looks_up: bool, cells: int = 1, coordinates: str = "earth", serial: int = 7301) -> Setup:
-    """Build the configuration of a lowered 300 kHz profiler.
-
-    Args:
-        looks_up: whether it looks upwards.
-        coordinates: coordinate system of the recorded velocities.
-    """
+    """Build the configuration of a lowered 300 kHz profiler."""
     return Setup(
         kilohertz=300, looks_up=looks_up, cells=cells, cell_m=8.0, blank_m=0.0, first_bin_m=8.6, pings=1,
         coordinates=coordinates, serial=serial,
@@ -177,12 +159,7 @@ def setup(*, looks_up: bool, cells: int = 1, coordinates: str = "earth", serial:
 
 
 def encoded(posture: Posture, *, looks_up: bool = False, mirrored: bool = False) -> bytes:
-    """Encode the PD0 file of a head, with all velocities 0.
-
-    Args:
-        looks_up: orientation bit.
-        mirrored: whether its roll has the opposite sign, as in heads with another convention.
-    """
+    """Encode the PD0 file of a head, with all velocities 0; ``mirrored``: its roll has the opposite sign."""
     pitch, roll = posture.sensed_deg
     posture = replace(posture, sensed_deg=(pitch, -roll)) if mirrored else posture
     return adcp.encode(setup(looks_up=looks_up), ensembles(posture, looks_up=looks_up)).tobytes()
@@ -205,11 +182,7 @@ def mounted(
 
 
 def read_through(heading_deg: Floats, series_deg: tuple[float, ...]) -> Floats:
-    """Compute recorded headings by fixed-point iteration of a deviation series in the recorded heading, degrees.
-
-    Args:
-        heading_deg: correct headings, (n,).
-    """
+    """Compute recorded headings by fixed-point iteration of a deviation series in the recorded heading, degrees."""
     a, b, c, d, e = series_deg
     recorded = np.array(heading_deg)
     for _ in range(60):

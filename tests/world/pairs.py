@@ -218,11 +218,7 @@ def iron(rng: np.random.Generator) -> dict[str, Floats]:
 
 
 def in_body(world: World, extra: Floats | None = None) -> Floats:
-    """Compute the field at the compass, forward, starboard and down in the tilted body, (3, n) nT.
-
-    Args:
-        extra: field added to that of earth and iron, (3, n) nT.
-    """
+    """Compute the field at the compass, forward, starboard and down in the tilted body, and an extra one, (3, n) nT."""
     h, z = world.earth
     cb, sb = np.cos(world.heading * RAD), np.sin(world.heading * RAD)
     x, y, d = h * cb, -h * sb, np.full(len(cb), z)  # level: forward, starboard, down
@@ -479,11 +475,7 @@ def averaged(time_s: Floats, flow: Complexes, span_s: float) -> Complexes:
 
 
 def reference_sizes(earth: tuple[float, float]) -> Floats:
-    """Compute the standard deviations of constant, sine and cosine by the heading of an ordinary compass, degrees.
-
-    Args:
-        earth: horizontal and vertical field, nT.
-    """
+    """Compute sigma of constant, sine and cosine of an ordinary compass, degrees; earth: horizontal and vertical nT."""
     iron_deg = float(np.hypot(IRON_NT / earth[0] / RAD, LEVEL_DEG * earth[1] / earth[0]))
     return np.array([CONSTANT_DEG, iron_deg, iron_deg])
 

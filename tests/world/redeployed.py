@@ -25,14 +25,7 @@ BATTERIES_NT = 120.0
 
 
 def write_cruise(folder: Path | str, seed: int = 1, *, hours: int = 8000, every: int = 3) -> None:
-    """Write the raw tables of four deployments and of a bench calibration, and separately the truth.
-
-    Args:
-        folder: folder of the cruise; files are written to ``raw`` and ``truth``.
-        seed: the same seed gives the same bytes.
-        hours: length of each deployment.
-        every: interval between samples, in hours.
-    """
+    """Write raw tables of deployments, sampled every few hours, and of a bench; and separately the truth."""
     begins = [sea.BEGIN_S + APART_S * k for k in range(len(PLACES))]
     earth = [_earth(place, begin) for place, begin in zip(PLACES.values(), begins, strict=True)]
     drawn = _deployments(seed, earth, hours)
@@ -42,11 +35,7 @@ def write_cruise(folder: Path | str, seed: int = 1, *, hours: int = 8000, every:
 
 
 def _deployments(seed: int, earth: list[tuple[float, float]], hours: int) -> list[Drawn]:
-    """Simulate the recordings of one compass in several deployments with one effect of equal physical size.
-
-    Args:
-        earth: horizontal and vertical field of each deployment, nT.
-    """
+    """Simulate recordings of one compass with one effect of equal physical size; earth: horizontal and vertical nT."""
     rng = np.random.default_rng(seed)
     made = sea.iron(rng)
     soft = made["soft"].copy()

@@ -65,11 +65,7 @@ def missing() -> str:
 
 @contextmanager
 def cluster(folder: Path) -> Iterator[None]:
-    """Run a single-node cluster on this machine for the duration of the block.
-
-    Args:
-        folder: directory for state and logs.
-    """
+    """Run a single-node cluster on this machine for the duration of the block."""
     (folder / "state").mkdir(parents=True)
     key = folder / "munge.key"
     key.write_bytes(os.urandom(1024))

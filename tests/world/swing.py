@@ -58,12 +58,7 @@ class Passage:
 
 
 def sail(rng: np.random.Generator, boat: Boat, declination_deg: float, start_s: float = 1.6e9) -> Passage:
-    """Simulate the log of a swing.
-
-    Args:
-        declination_deg: east positive.
-        start_s: start of the swing, UTC seconds since 1970.
-    """
+    """Simulate the log of a swing that starts at a time in UTC seconds since 1970; the declination is positive east."""
     steered, speed = _plan(rng, boat)
     n = steered.size
     share = np.linspace(0.0, 1.0, n)
