@@ -241,6 +241,14 @@ def test_malicious_filler_is_scanned_in_linear_time(filler: bytes, tmp_path: Pat
     assert "expected PD0 ensembles" in refused(path)
 
 
+def test_alternating_layouts_and_damage_are_read_in_linear_time(tmp_path: Path) -> None:
+    parts = ensemble(PROFILE[:1]), ensemble(PROFILE), ensemble(PROFILE)[:-1] + b"\0"
+    path, begun = written(tmp_path, b"".join(parts) * 1000), time.process_time()
+    record = read(path)
+    assert time.process_time() - begun < 8.0
+    assert (record.counts["ensembles"], record.counts["damaged"], record.counts["configurations"]) == (2000, 1000, 2)
+
+
 def test_lost_ensembles_are_counted_only_across_skipped_bytes(tmp_path: Path) -> None:
     numbered = [ensemble(PROFILE, number=number) for number in (5, 6, 9, 20, 1, 2)]
     junk = b"\0" * 9
@@ -632,3 +640,9 @@ def test_orientation_of_the_metadata_takes_precedence(tmp_path: Path) -> None:
     up = read(path, orientation="up")
     assert up.looks_up and up.counts["orientation_disagrees"] == 2 and up.east[0] == silent.east[1]
     assert up.warnings == ("2 of 3 ensembles say that they looked down; up counts, as the metadata do.",)
+
+
+def test_files_are_sorted_by_time(tmp_path: Path) -> None:
+    whole = series(5)
+    a, b = written(tmp_path, *whole[:2], name="a.000"), written(tmp_path, *whole[2:], name="b.000")
+    assert np.diff(read(b, a).time_s).tolist() == [3600.0] * 4
