@@ -199,6 +199,9 @@ def test_calibration_files_round_trip(tmp_path):
     assert np.allclose(back.points["residual_deg"], made.points["residual_deg"], atol=1e-6)
     head, *rows = (tmp_path / "out/table.csv").read_text().splitlines()
     assert head == "recorded_deg,deviation_deg,standard_uncertainty_deg" and rows[0][:2] == "0," and len(rows) == 24
+    paths["table"].write_text("recorded_deg\nx\n")
+    with pytest.raises(InputError, match="expected a table that this program wrote"):
+        calibration_files.read(**paths)
 
 
 def turned(degrees: float):

@@ -13,6 +13,7 @@ from compasslib.calibrations import result
 from compasslib.calibrations import two_heads as heads
 from compasslib.calibrations.result import Calibration
 from compasslib.calibrations.two_heads import motion as heads_motion
+from compasslib.errors import InputError
 from compasslib.inference import kinds
 from compasslib.inference.comparison import Options
 from compasslib.plots import calibrations as figures
@@ -174,6 +175,11 @@ def test_time_window_and_clock_offset_are_applied(tmp_path):
     assert found.points["time_s"][0] == pytest.approx(START_S + 507.3, abs=3.0)
     assert found.points["time_s"][-1] == pytest.approx(START_S + 2507.3, abs=3.0)
     assert found.details["offset_deg"] == pytest.approx(47.0, abs=0.1)
+
+
+def test_one_file_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"file: expected two files, of head a and head b, found 1; write file: \["):
+        heads.calibrate([tmp_path / "a.000"], {})
 
 
 def test_rotated_heading_is_that_of_the_tilted_body():

@@ -416,8 +416,9 @@ def test_without_pressure_files_the_depth_is_unknown(tmp_path):
 def test_files_of_scans_and_of_pressure_are_not_confused(tmp_path):
     e_file, a_file = written(tmp_path, "e.txt", engineering(1, ON_S, [1.0, 2.0])), binary_file(tmp_path, logged((9,)))
     assert f"{e_file}: expected unpacked ASCII or binary scans" in refused(lambda: read(e_file))
-    line = refused(lambda: acm.read_companions([a_file]))
-    assert f"{a_file}: expected an unpacked engineering (E) or CTD (C) file" in line and "found scans" in line
+    for path, found in ((a_file, "found scans"), (written(tmp_path, "p.csv", "when,depth\n"), "found a first line")):
+        line = refused(lambda path=path: acm.read_companions([path]))
+        assert f"{path}: expected an unpacked engineering (E) or CTD (C) file" in line and found in line
 
 
 def test_ctd_file_without_times_is_refused(tmp_path):

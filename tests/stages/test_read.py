@@ -4,6 +4,7 @@ from datetime import timedelta
 
 import numpy as np
 import pytest
+import yaml
 
 from compasslib.config.cruise import load_cruise
 from compasslib.errors import InputError
@@ -18,27 +19,19 @@ HOURS = 48
 @pytest.mark.parametrize("kind", ["instrument", "table"])
 def test_depth_follows_the_pressure_of_a_neighbour(tmp_path, monkeypatch, kind):
     folder = cruise(tmp_path / "c", n=HOURS)
-    pressure = 303.0 + 4.0 * np.sin(np.arange(HOURS) / 5.0) ** 2
+    file, pressure = folder / "config/moorings/M1.yaml", 303.0 + 4.0 * np.sin(np.arange(HOURS) / 5.0) ** 2
     times = [(START + timedelta(hours=k)).strftime("%Y-%m-%dT%H:%M:%SZ") for k in range(HOURS)]
-    rows = [
-        f"{time},{dbar:.3f},{10 + k % 7},{5 - k % 3}"
-        for k, (time, dbar) in enumerate(zip(times, pressure, strict=True))
-    ]
+    rows = [f"{times[k]},{pressure[k]:.3f},{10 + k % 7},{5 - k % 3}" for k in range(HOURS)]
     (folder / "raw/M1/ctd.csv").write_text("\n".join(["time_utc,dbar,u_cm_s,v_cm_s", *rows]))
-    (folder / "config/moorings/M1.yaml").write_text(
-        (folder / "config/moorings/M1.yaml")
-        .read_text()
-        .replace("orientation: up", "orientation: up\n    depth_from: ctd")
-    )
+    instruments = yaml.safe_load(file.read_text())["instruments"]
+    instruments["top"]["depth_from"] = "ctd"
+    ctd = {"format": "table", "files": "raw/M1/ctd.csv", "depth": 300}
     if kind == "table":
-        columns = {"time": "time_utc", "value": "dbar"}
-        covariate = {"format": "table", "files": "raw/M1/ctd.csv", "columns": columns, "unit": "dbar", "depth": 300}
-        change(folder / "config/moorings/M1.yaml", covariates={"ctd": covariate})
+        ctd |= {"columns": {"time": "time_utc", "value": "dbar"}, "unit": "dbar"}
+        change(file, instruments=instruments, covariates={"ctd": ctd})
     else:
         columns = {"time": "time_utc", "pressure": "dbar", "east": "u_cm_s", "north": "v_cm_s", "scale": 0.01}
-        text = (folder / "config/moorings/M1.yaml").read_text()
-        added = f"instruments:\n  ctd: {{format: table, files: raw/M1/ctd.csv, depth: 300, columns: {columns}}}"
-        (folder / "config/moorings/M1.yaml").write_text(text.replace("instruments:", added.replace("'", "")))
+        change(file, instruments=instruments | {"ctd": ctd | {"columns": columns}})
     monkeypatch.chdir(folder)
     settings = Moorings(load_cruise(folder))
     assert "raw/M1/ctd.csv" in settings.companion_files("M1", "top")
