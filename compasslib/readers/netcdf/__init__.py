@@ -402,8 +402,8 @@ def _velocity(file: File, key: str) -> Floats | None:
 
 def _arranged(file: File, variable: Variable, *last: str) -> Floats | None:
     """Read values along time, bin and a last dimension, others squeezed; None if another is longer than 1."""
-    wanted = (file.time, file.bins, *last)
-    if not variable.is_number or variable.spans - {*wanted} or file.time not in variable.dimensions:
+    along = {file.time, file.bins, *last}
+    if not variable.is_number or variable.spans - along or file.time not in variable.dimensions:
         return None
-    data: Floats = variables.transposed(variable.numbers(), variable.dimensions, wanted)
+    data = variables.arranged(file, variable, *last)
     return data if file.bins in variable.dimensions else data[:, None]
