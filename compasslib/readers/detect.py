@@ -259,7 +259,7 @@ def guess_columns(path: Path) -> GuessedTable | None:
         return None
     if head.delimiter == " ":  # columns, or words of one name: columns part most rows alike
         alike = sum(len(row) == len(head.names) for row in head.sample)
-        if 2 * alike < len(head.sample) or re.search("[\t;,]", head.text):
+        if 2 * alike < len(head.sample) or re.search("[\t;,]", head.lines[head.line - 1]):
             return None
     flow = [head.names.index(guess.columns[role]) for role in vocabulary.FLOWS if role in guess.columns]
     return guess_from_names(head.names, delimited.unit_lines(head, flow))

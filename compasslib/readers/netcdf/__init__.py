@@ -392,7 +392,8 @@ def _profiles(file: File, up: Floats | None, shape: tuple[int, ...], order: slic
 
 
 def _velocity(file: File, key: str) -> Floats | None:
-    variable = file.first(name.format(file.suffix) for name in VELOCITIES[key])
+    names = (name.format(file.suffix) for name in VELOCITIES[key])
+    variable = next((file.variables[name] for name in names if name in file.variables), None)
     flow = None if variable is None else _arranged(file, variable)
     if variable is None or flow is None:
         return None

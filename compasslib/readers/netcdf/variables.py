@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -235,10 +235,6 @@ class File(Attributes):
     def refuse(self, variable: str, expected: str, shown: object, advice: str) -> InputError:
         """Create the error for a variable of this file."""
         return InputError(f"{self.path}: {variable}", expected=expected, found=shown, advice=advice)
-
-    def first(self, names: Iterable[str]) -> Variable | None:
-        """Find the first existing of several variables."""
-        return next((self.variables[name] for name in names if name in self.variables), None)
 
 
 def find(file: File, role: str, *dimensions: tuple[str | None, ...]) -> Variable | None:
