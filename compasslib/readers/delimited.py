@@ -93,7 +93,6 @@ class Head:
     line: int  # index of the first line below the header
     delimiter: str = ""
     notes: tuple[str, ...] = ()  # detected format, in words
-    text: str = ""  # header line
     clock: int | None = None  # index of a column without a name that continues the time before it
     ended: bool = True  # whether the last line was terminated
     sample: list[list[str]] = field(default_factory=list)  # cells of the first rows
@@ -202,7 +201,7 @@ def find_head(
     delimiter = delimiter or next((each for each in candidates if _parts(line.strip(), each)), " ")
     names = layout.split_header(line, delimiter) if line else []
     if layout.header == 0:
-        names, at, line = [str(k) for k in range(1, len(names) + 1)], at - 1, ""
+        names, at = [str(k) for k in range(1, len(names) + 1)], at - 1
     if delimiter != "," and layout.delimiter is None:
         notes.append(f"cells between {DELIMITERS.get(delimiter)}")
     if layout.header is None and (above := sum(k < at for k in rows)):
@@ -217,7 +216,7 @@ def find_head(
     marks = " " + (layout.comment or "".join(COMMENT_MARKS))
     below = [lines[k].lstrip(marks).rstrip(" \r") for k in filled if at < k < first]
     remarks = [split_line(line, delimiter) for line in below]
-    return Head(every, names, at + 1, delimiter, tuple(notes), line, clock, ended, sample, remarks)
+    return Head(every, names, at + 1, delimiter, tuple(notes), clock, ended, sample, remarks)
 
 
 def _number_repeated(names: Sequence[str]) -> list[str]:

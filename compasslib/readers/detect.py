@@ -253,17 +253,16 @@ class GuessedTable:
 
 def guess_columns(path: Path) -> GuessedTable | None:
     """Guess the columns of a table from its header, None if it is inconclusive."""
-    for delimiter in delimited.DELIMITERS:
-        head = delimited.find_head(
-            path, lambda names: guess_from_names(names) is not None, must=True, delimiters=[delimiter]
-        )
-        if head and delimiter == " ":  # columns, or words of one name: columns part most rows alike
-            alike = sum(len(row) == len(head.names) for row in head.sample)
-            head = None if 2 * alike < len(head.sample) or re.search("[\t;,]", head.text) else head
-        if head and (guess := guess_from_names(head.names)):
-            flow = [head.names.index(guess.columns[role]) for role in vocabulary.FLOWS if role in guess.columns]
-            return guess_from_names(head.names, delimited.unit_lines(head, flow))
-    return None
+    head = delimited.find_head(path, lambda names: guess_from_names(names) is not None, must=True)
+    guess = guess_from_names(head.names) if head else None
+    if head is None or guess is None:
+        return None
+    if head.delimiter == " ":  # columns, or words of one name: columns part most rows alike
+        alike = sum(len(row) == len(head.names) for row in head.sample)
+        if 2 * alike < len(head.sample) or re.search("[\t;,]", head.lines[head.line - 1]):
+            return None
+    flow = [head.names.index(guess.columns[role]) for role in vocabulary.FLOWS if role in guess.columns]
+    return guess_from_names(head.names, delimited.unit_lines(head, flow))
 
 
 def guess_from_names(names: Sequence[str], below: Sequence[Sequence[str]] = ()) -> GuessedTable | None:

@@ -125,7 +125,7 @@ def parse_times(
         cells.refuse(stated & (fields["zone"] != ahead_s), f"times at {zone}, as timezone says")
     elif np.any(fields["zone"][stated] != 0.0):
         cells.refuse(~stated, "an offset from UTC as in other rows")
-    time_s = _to_seconds(cells, fields, packed=name in _NOTES)
+    time_s = _to_seconds(cells, fields)
     return time_s - np.where(stated, fields["zone"], ahead_s), note
 
 
@@ -180,7 +180,7 @@ def _day_and_month(cells: _Cells, a: Floats, b: Floats) -> tuple[Floats, Floats,
     return day, month, f"dates {which}" + "".join(f" ({text} settles it)" for text in settling)
 
 
-def _to_seconds(cells: _Cells, fields: dict[str, Floats], *, packed: bool) -> Floats:
+def _to_seconds(cells: _Cells, fields: dict[str, Floats]) -> Floats:
     """Convert dates and times of day to seconds since 1970; refuse invalid ones."""
     zero = np.zeros(len(cells.texts))
     if "short" in fields:
@@ -191,8 +191,6 @@ def _to_seconds(cells: _Cells, fields: dict[str, Floats], *, packed: bool) -> Fl
     whole = (fields["y"], month, day, fields.get("H", zero), fields.get("M", zero), zero)
     time_s = civil_seconds(*(part.astype(np.int64) for part in whole), first_year=1, last_year=9999)
     wrong = np.isnan(time_s) | (second >= 60.0) & ~leap | (np.abs(np.nan_to_num(fields["zone"])) > 14.99 * HOUR_S)
-    if packed:  # eight figures may be anything
-        wrong |= (fields["y"] < YEARS[0]) | (fields["y"] >= 2100.0)
     if "day" in fields:
         time_s = time_s + (fields["day"] - 1.0) * DAY_S
         wrong |= (fields["day"] < 1.0) | (time_s >= new_year(fields["y"] + 1.0))

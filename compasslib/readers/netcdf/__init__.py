@@ -392,7 +392,8 @@ def _profiles(file: File, up: Floats | None, shape: tuple[int, ...], order: slic
 
 
 def _velocity(file: File, key: str) -> Floats | None:
-    variable = file.first(name.format(file.suffix) for name in VELOCITIES[key])
+    names = (name.format(file.suffix) for name in VELOCITIES[key])
+    variable = next((file.variables[name] for name in names if name in file.variables), None)
     flow = None if variable is None else _arranged(file, variable)
     if variable is None or flow is None:
         return None
@@ -402,8 +403,8 @@ def _velocity(file: File, key: str) -> Floats | None:
 
 def _arranged(file: File, variable: Variable, *last: str) -> Floats | None:
     """Read values along time, bin and a last dimension, others squeezed; None if another is longer than 1."""
-    wanted = (file.time, file.bins, *last)
-    if not variable.is_number or variable.spans - {*wanted} or file.time not in variable.dimensions:
+    along = {file.time, file.bins, *last}
+    if not variable.is_number or variable.spans - along or file.time not in variable.dimensions:
         return None
-    data: Floats = variables.transposed(variable.numbers(), variable.dimensions, wanted)
+    data = variables.arranged(file, variable, *last)
     return data if file.bins in variable.dimensions else data[:, None]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -236,10 +236,6 @@ class File(Attributes):
         """Create the error for a variable of this file."""
         return InputError(f"{self.path}: {variable}", expected=expected, found=shown, advice=advice)
 
-    def first(self, names: Iterable[str]) -> Variable | None:
-        """Find the first existing of several variables."""
-        return next((self.variables[name] for name in names if name in self.variables), None)
-
 
 def find(file: File, role: str, *dimensions: tuple[str | None, ...]) -> Variable | None:
     """Find the variable of a role that spans one of several sets of dimensions; None without any."""
@@ -284,19 +280,15 @@ def values(file: File, role: str, variable: Variable) -> Floats:
     return factor * arranged(file, variable) - zero
 
 
-def arranged(file: File, variable: Variable) -> Floats:
-    """Read a variable along time and bins, (n,), (m,) or (n, m), with dimensions of length 1 squeezed."""
-    wanted = [name for name in (file.time, file.bins) if name in variable.dimensions]
-    if other := sorted(variable.spans - {*wanted}, key=variable.dimensions.index):
+def arranged(file: File, variable: Variable, *last: str) -> Floats:
+    """Read a variable along time, bins and further dimensions, as far as it has them; others must have length 1."""
+    names = variable.dimensions
+    wanted = [name for name in (file.time, file.bins, *last) if name and name in names]
+    if other := sorted(variable.spans - {*wanted}, key=names.index):
         shown = ", ".join(f"{name} ({file.sizes[name]})" for name in other)
         advice = "write one station, depth or beam a file, or name another variable in columns"
         raise file.refuse(variable.name, "dimensions of time and of one profile", shown, advice)
-    return transposed(variable.numbers(), variable.dimensions, wanted)
-
-
-def transposed(data: Any, names: Sequence[str], wanted: Sequence[str | None]) -> Any:
-    """Transpose an array to the wanted of its named dimensions; the others must have length 1 and are squeezed."""
-    present = [names.index(name) for name in wanted if name in names]
+    data, present = variable.numbers(), [names.index(name) for name in wanted]
     others = [k for k in range(len(names)) if k not in present]
     return data.transpose([*present, *others]).reshape([data.shape[k] for k in present])
 

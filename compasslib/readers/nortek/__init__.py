@@ -122,7 +122,7 @@ def decode_older(packets: Packets) -> Samples:
         pressure_dbar=pressure if head["sensors"] & 1 else np.full(len(rows), np.nan),
         temperature_c=sensors["temperature"] / 100.0,
         supply_voltage=sensors["battery"] / 10.0,
-        **_judge(velocity, recorded, sensors["error"], sensors["status"]),
+        **_interpret_codes(velocity, recorded, sensors["error"], sensors["status"]),
         bin_range_m=ranges,
         recorded=recorded,
         beam_angle_deg=0.0 if point else SLANT_DEG,
@@ -138,7 +138,7 @@ def decode_older(packets: Packets) -> Samples:
     )
 
 
-def _judge(velocity: Floats, recorded: int, error: Ints, status: Ints) -> dict[str, Any]:
+def _interpret_codes(velocity: Floats, recorded: int, error: Ints, status: Ints) -> dict[str, Any]:
     """Select the horizontal and upward velocities, and derive flags and orientation from the instrument's codes.
 
     It reports failed measurements and compasses, and tilts beyond the range of the sensor.
@@ -234,7 +234,7 @@ def decode_converted(header: Path) -> Samples:
         pressure_dbar=values["pressure"],
         temperature_c=values["temperature"],
         supply_voltage=values["battery voltage"],
-        **_judge(velocity, system, _bits(values["error code"]), _bits(values["status code"])),
+        **_interpret_codes(velocity, system, _bits(values["error code"]), _bits(values["status code"])),
         bin_range_m=ranges,
         recorded=system,
         beam_angle_deg=0.0 if velocities else SLANT_DEG,
