@@ -366,7 +366,14 @@ def calibrate_axes(readings: Mapping[str, BenchReadings], sources: Sequence[Sour
     axes, fits, columns = dict[str, Any](), dict[str, FittedCurve](), list[tuple[Floats, ...]]()
     for k, (axis, read) in enumerate(readings.items()):
         correction, fitted = read.reference_deg - read.recorded_deg, np.full(len(read), np.nan)
-        fit = _fit_tilt(read.recorded_deg, correction)
+        fit: FittedCurve | str = "no reading leans this axis alone"
+        if len(read):
+            # The highest degree allowed, not the best fit: otherwise undetected curvature would be neglected.
+            name = [each for each, letters in TILT_FORMS.items() if len(read) - len(letters) >= 4 or each == "line"][-1]
+            design = partial(np.vander, N=len(TILT_FORMS[name]), increasing=True)
+            span = np.linspace(read.recorded_deg.min(), read.recorded_deg.max(), 21)
+            form = CurveForm(name, TILT_FORMS[name], "Le Menn et al. 2023, section 2", design, span)
+            fit = curves.fit_curve(form, Points(read.recorded_deg, correction))
         if isinstance(fit, FittedCurve):
             fits[axis], fitted = fit, fit.deviation(read.recorded_deg)
             axes[axis] = _describe_tilt(axis, read.recorded_deg, fit, (*sources, _fit_residual(fit)))
@@ -388,18 +395,6 @@ def calibrate_axes(readings: Mapping[str, BenchReadings], sources: Sequence[Sour
         sources=(*sources, _fit_residual(widest)),
         details={"axes": axes},
     )
-
-
-def _fit_tilt(recorded_deg: Floats, correction_deg: Floats) -> FittedCurve | str:
-    if not len(recorded_deg):
-        return "no reading leans this axis alone"
-    # The highest degree allowed, not the best fit: otherwise the uncertainty would neglect undetected curvature.
-    allowed = [name for name, letters in TILT_FORMS.items() if len(recorded_deg) - len(letters) >= 4]
-    name = allowed[-1] if allowed else "line"
-    design = partial(np.vander, N=len(TILT_FORMS[name]), increasing=True)
-    span = np.linspace(recorded_deg.min(), recorded_deg.max(), 21)
-    form = CurveForm(name, TILT_FORMS[name], "Le Menn et al. 2023, section 2", design, span)
-    return curves.fit_curve(form, Points(recorded_deg, correction_deg))
 
 
 def _describe_tilt(axis: str, recorded_deg: Floats, curve: FittedCurve, rows: Sequence[Source]) -> dict[str, Any]:

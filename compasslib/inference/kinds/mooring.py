@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -276,8 +277,8 @@ def clock_findings(
         if is_named:
             chances = comparison.equal_chances(term.name, *[other.name] * clock.ambiguous)
             parameters = {term.fitted()[0]: Parameter(value, sigma, term.units()[0])}
-            made = {"size_deg": size, "proof": proof, "place": compared.where("time", compared.span_s)}
-            result.append(comparison.build_finding(compared, term, chances, parameters, **made))
+            described = partial(comparison.build_finding, compared, term, chances, parameters)
+            result.append(described(size_deg=size, proof=proof, place=compared.where("time", compared.span_s)))
     return result
 
 
