@@ -278,9 +278,6 @@ def _number(value: float | None, form: str) -> str:
     return UNKNOWN if value is None or not np.isfinite(value) else format(value, form)
 
 
-# Figures of one kind of calibration.
-
-
 def draw_tilt(path: str | Path, calibration: StoredCalibration) -> None:
     """Draw the corrections of pitch and roll against the recorded tilt, with the curves and their 95 % band."""
     axes, points = calibration.content.get("axes", {}), calibration.points

@@ -52,11 +52,6 @@ class Velocities:
     quality: Flags  # (k, m)
     up: Floats | None = None  # (k, m) vertical velocity, m/s; None if it was not measured
 
-    def part(self, which: slice) -> Velocities:
-        """Select some of the samples."""
-        up = None if self.up is None else self.up[which]
-        return Velocities(self.velocity[which], self.depth_m[which], self.quality[which], up)
-
 
 @dataclass(frozen=True)
 class Source:
