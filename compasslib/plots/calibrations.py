@@ -44,11 +44,11 @@ GAMMA, DEVIATION, FILE_UNIT = "Recorded heading γ (° magnetic)", "Deviation β
 
 def draw_figure(figure: str, path: str | Path, shown: StoredCalibration) -> None:
     """Draw one figure of a calibration: ``compared``, or one of ``calibrations.FIGURES`` or ``calibrations.KINDS``."""
-    drawn_by = {
+    draw = {
         **{"deviation": draw_deviation, "certificate": draw_certificate, "compared": draw_compared},
         **{"tilt": draw_tilt, "magnetometer": draw_magnetometer, "series": draw_series},
     }
-    drawn_by[figure](path, shown)
+    draw[figure](path, shown)
 
 
 def _by_heading(axes: Axes, label: str = DEVIATION) -> None:

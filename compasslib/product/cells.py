@@ -5,8 +5,6 @@ the depth. Samples are averaged over the interval of each time, and empty cells 
 limit. A cell without a measurement inside it counts as interpolated; nothing is extrapolated.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
