@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from compasslib.archive.files import SIGNIFICANT_DIGITS, read_csv, read_json, write_csv, write_json
+from compasslib.archive.files import SIGNIFICANT_DIGITS, read_csv, write_csv, write_json
 from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.types import Floats
 
@@ -34,11 +34,6 @@ def write(
         points, tuple(made.points), tuple(made.points.values()), (f"{{:.{SIGNIFICANT_DIGITS}g}}",) * len(made.points)
     )
     write_json(calibration, page)
-
-
-def read(*, calibration: str | Path, table: str | Path, points: str | Path) -> StoredCalibration:
-    """Read a calibration's files."""
-    return StoredCalibration(read_json(calibration), read_table(table), read_csv(points))
 
 
 def read_table(path: str | Path) -> DeviationTable:

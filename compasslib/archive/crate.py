@@ -97,14 +97,14 @@ def crate(
         {
             "@id": "ro-crate-metadata.json",
             "@type": "CreativeWork",
-            "conformsTo": reference("https://w3id.org/ro/crate/1.1"),
-            "about": reference("./"),
+            "conformsTo": {"@id": "https://w3id.org/ro/crate/1.1"},
+            "about": {"@id": "./"},
         },
         {"@id": PROFILE, "@type": "CreativeWork", "name": "Process Run Crate", "version": PROFILE.rsplit("/", 1)[1]},
         {
             "@id": "./",
             "@type": "Dataset",
-            "conformsTo": reference(PROFILE),
+            "conformsTo": {"@id": PROFILE},
             "name": f"Compass deviations corrected{project}",
             "description": (
                 "Moored current records and compass calibrations, with the jobs that made them and the SHA-256 of "
@@ -112,9 +112,9 @@ def crate(
             ),
             "datePublished": provenance.date_created(),
             "license": "not given",  # required by RO-Crate
-            **{role: reference(entity["@id"]) for role, entity in owned.items()},
+            **{role: {"@id": entity["@id"]} for role, entity in owned.items()},
             "hasPart": _files(files),
-            "mentions": [reference(action["@id"]) for action in actions],
+            "mentions": [{"@id": action["@id"]} for action in actions],
         },
         *{entity["@id"]: entity for entity in (*MAKERS, *owned.values())}.values(),
     ]
@@ -160,18 +160,13 @@ def owners(attributes: Mapping[str, Any]) -> dict[str, Entity]:
         identifier = terms if "://" in terms else "#license"
         entities["license"] = {"@id": identifier, "@type": "CreativeWork", "name": terms}
     if entities.keys() >= {"author", "publisher"}:
-        entities["author"]["affiliation"] = reference(entities["publisher"]["@id"])
+        entities["author"]["affiliation"] = {"@id": entities["publisher"]["@id"]}
     return entities
-
-
-def reference(identifier: str) -> Entity:
-    """Refer to an entity."""
-    return {"@id": identifier}
 
 
 def references(identifiers: Iterable[str]) -> list[Entity]:
     """Refer to several entities."""
-    return [reference(identifier) for identifier in identifiers]
+    return [{"@id": identifier} for identifier in identifiers]
 
 
 def _surroundings() -> Iterator[Entity]:
@@ -209,7 +204,7 @@ def _action(name: str, record: Record, configuration: Mapping[str, Sequence[str]
 
 
 def _create_action(name: str, status: str, software: Entity, given: Entity) -> Entity:
-    action = {"@id": f"#{quote(name)}", "@type": "CreateAction", "instrument": reference(software["@id"])}
+    action = {"@id": f"#{quote(name)}", "@type": "CreateAction", "instrument": {"@id": software["@id"]}}
     return action | {"actionStatus": f"http://schema.org/{status}ActionStatus"} | given
 
 

@@ -20,7 +20,7 @@ from urllib.parse import quote
 
 from compasslib import __version__
 from compasslib.archive import crate, provenance
-from compasslib.archive.crate import Entity, read_manifest, reference, references
+from compasslib.archive.crate import Entity, read_manifest, references
 from compasslib.archive.files import atomic_write
 from compasslib.config.cruise import Cruise, parse, read
 from compasslib.errors import InputError
@@ -199,23 +199,23 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], packed: Mapp
     url = {"url": str(attributes["software_url"])} if "software_url" in attributes else {}
     entities[WORKFLOW_FILE] |= url | {
         "@type": ["File", "SoftwareSourceCode", "ComputationalWorkflow"], "name": "Correction of compass deviations",
-        "programmingLanguage": reference(SNAKEMAKE), "version": provenance.software().split(" ", 1)[1],
-        "conformsTo": reference(BIOSCHEMAS),
+        "programmingLanguage": {"@id": SNAKEMAKE}, "version": provenance.software().split(" ", 1)[1],
+        "conformsTo": {"@id": BIOSCHEMAS},
     }  # fmt: skip
-    about = {"name": README, "encodingFormat": "text/markdown", "about": reference("./")}
+    about = {"name": README, "encodingFormat": "text/markdown", "about": {"@id": "./"}}
     entities[README] = {"@id": README, "@type": "File"} | about
     files = [identifier for identifier, entity in entities.items() if "File" in entity["@type"]]
     made = {item for action in actions for item in crate.identifiers(action, "result")}
     read = {item for action in actions for item in crate.identifiers(action, "object")} - made
     run = {
-        "@id": RUN, "@type": "CreateAction", "name": "Run of the workflow", "instrument": reference(WORKFLOW_FILE),
+        "@id": RUN, "@type": "CreateAction", "name": "Run of the workflow", "instrument": {"@id": WORKFLOW_FILE},
         "description": "All jobs of the workflow; each has an action of its own", **last,
         "object": references(sorted(read)), "result": references(sorted(made)),
     }  # fmt: skip
     entities["./"] |= {
-        "conformsTo": references(PROFILES), "mainEntity": reference(WORKFLOW_FILE),
+        "conformsTo": references(PROFILES), "mainEntity": {"@id": WORKFLOW_FILE},
         "hasPart": references(sorted(files)),
-        "mentions": [reference(RUN), *entities["./"]["mentions"]],
+        "mentions": [{"@id": RUN}, *entities["./"]["mentions"]],
     }  # fmt: skip
     entities[METADATA]["conformsTo"] = references(CRATES)
     entities |= {entity["@id"]: entity for entity in (run, *CONTEXTUAL)}
@@ -227,7 +227,7 @@ def _date_actions(actions: Sequence[Entity], author: str, root: Path) -> Entity:
     records = list((root / crate.FOLDER).glob("**/logs/*.json"))
     dates = [datetime.fromtimestamp(path.stat().st_mtime, UTC).isoformat(timespec="seconds") for path in records]
     ends = {f"#{quote(crate.job_name(path.relative_to(root)))}": d for path, d in zip(records, dates, strict=True)}
-    last = {"agent": reference(author), "endTime": max(dates, default=provenance.date_created())}
+    last = {"agent": {"@id": author}, "endTime": max(dates, default=provenance.date_created())}
     for action in actions:
         action |= last | {"endTime": ends.get(action["@id"], last["endTime"])}
         action.setdefault("description", f"{action['name']}: stopped")

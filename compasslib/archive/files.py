@@ -87,9 +87,6 @@ def _damaged(path: str | Path, expected: str, error: Exception) -> InputError:
     return TransientError(str(path), expected=expected, found=f"{type(error).__name__}: {error}", advice=RERUN)
 
 
-# Tables of numbers.
-
-
 def write_csv(
     path: str | Path, names: Sequence[str], columns: Sequence[Sequence[Any] | NDArray[Any]], forms: Sequence[str]
 ) -> None:

@@ -1,7 +1,4 @@
-"""Input and output of gridded.nc and gridded_daily.nc (CF, ACDD, OceanSITES), and of the instruments to be gridded.
-
-Reading raises InputError where a file is missing, damaged or of another kind.
-"""
+"""Input and output of gridded.nc and gridded_daily.nc (CF, ACDD, OceanSITES), and of the instruments to be gridded."""
 
 from __future__ import annotations
 
@@ -16,27 +13,16 @@ import netCDF4
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compasslib import angles, earthfield
+from compasslib import angles, earthfield, records
 from compasslib.archive import variables
 from compasslib.archive.attributes import Site, declination_attributes, global_attributes
 from compasslib.archive.files import create_netcdf, open_netcdf, read_variable, write_variable
 from compasslib.archive.netcdf import Columns, days_since_1950, seconds_since_1970, write_frame
 from compasslib.archive.variables import GRIDDED, SECTION_SIGMA
 from compasslib.errors import InputError
-from compasslib.product.cells import Axes, Source, Velocities
+from compasslib.product.cells import NONE, Axes, Source, Velocities
 from compasslib.product.errors import HeadingErrors, errors_by_time, sum_sigma
 from compasslib.product.grid import INTERPOLATED, DailyMeans, GriddedProduct, Piece, empty_piece
-from compasslib.records import (
-    GOOD,
-    MISSING,
-    PROBABLY_GOOD,
-    CorrectedRecord,
-    EarthField,
-    Flags,
-    Labelled,
-    Record,
-    import_xarray,
-)
 from compasslib.types import DAY_S, HOUR_S, Bools, Complexes, Floats
 
 if TYPE_CHECKING:
@@ -47,11 +33,11 @@ USUAL_BEAM_DEG = 20.0  # of a profiler whose files do not state the angle
 
 
 def affected_source(
-    name: str, path: str | Path, product: CorrectedRecord, record: Record, flags: Sequence[int]
+    name: str, path: str | Path, product: records.CorrectedRecord, record: records.Record, flags: Sequence[int]
 ) -> Source:
     """Return an affected instrument as a source of the grid, its velocities of these flags read from corrected.nc."""
 
-    def settle(which: slice, east: Floats, north: Floats, quality: Flags, depth: Floats) -> Velocities:
+    def settle(which: slice, east: Floats, north: Floats, quality: records.Flags, depth: Floats) -> Velocities:
         return Velocities(np.where(np.isin(quality, flags), east + 1j * north, np.nan), depth, quality)
 
     names = ("UCUR", "VCUR", "UCUR_QC", "DEPTH")
@@ -59,15 +45,15 @@ def affected_source(
 
 
 def reference_source(
-    name: str, path: str | Path, record: Record, field: EarthField, flags: Sequence[int],
+    name: str, path: str | Path, record: records.Record, field: records.EarthField, flags: Sequence[int],
     slowed: Sequence[tuple[float, float]] = (),
 ) -> Source:  # fmt: skip
     """Return a reference as a source of the grid, from true north; in the spans ``slowed`` its rotor was fouled."""
 
-    def settle(which: slice, east: Floats, north: Floats, quality: Flags, range_m: Floats) -> Velocities:
+    def settle(which: slice, east: Floats, north: Floats, quality: records.Flags, range_m: Floats) -> Velocities:
         time_s = record.time_s[which]
         doubtful = np.any([(time_s >= a) & (time_s <= b) for a, b in slowed], axis=0)
-        quality = np.maximum(quality, np.where(doubtful, PROBABLY_GOOD, GOOD)[..., None])
+        quality = np.maximum(quality, np.where(doubtful, records.PROBABLY_GOOD, records.GOOD)[..., None])
         if record.direction_reference != "true":
             east, north = angles.turn(east, north, earthfield.declination_at(field, time_s)[:, None])
         depth = record.depth_m[which][:, None] + (-1.0 if record.looks_up else 1.0) * range_m
@@ -79,7 +65,7 @@ def reference_source(
 
 
 def _source(
-    name: str, path: str | Path, names: Sequence[str], samples: Record, setup: Record,
+    name: str, path: str | Path, names: Sequence[str], samples: records.Record, setup: records.Record,
     settle: Callable[..., Velocities], beam_angle_deg: float,
 ) -> Source:  # fmt: skip
     """Return a source whose rows of the variables are read on demand, and settled with the slice of the samples."""
@@ -102,7 +88,7 @@ class FileDescription:
     """Content of the global attributes of the gridded files of a mooring or site."""
 
     site: Site
-    field: EarthField | None  # None for deployments whose declinations differ
+    field: records.EarthField | None  # None for deployments whose declinations differ
     attributes: Mapping[str, object]  # the user's global attributes
     processing: Mapping[str, object]
     headings: tuple[int, int]  # numbers of recorded and of corrected headings of the affected instruments
@@ -227,7 +213,7 @@ def _columns(piece: Piece, rising: bool) -> Columns:
     }
     if rising:
         up = np.full(there.shape, np.nan) if cells.up is None else cells.up
-        columns["WCUR"] = up, np.where(np.isfinite(up), piece.quality, MISSING).astype(np.int8)
+        columns["WCUR"] = up, np.where(np.isfinite(up), piece.quality, records.MISSING).astype(np.int8)
     return columns
 
 
@@ -271,7 +257,7 @@ def read_section(path: str | Path, columns: int = 400) -> SectionMeans:
     number = np.add.reduceat(np.array([affected, there, affected], dtype=float), begins, axis=1)
     total = there.sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        before, after, change = np.where(number > 0, sums / number, GAP)
+        before, after, change = np.where(number > 0, sums / number, NONE)
     safe = np.where((total > 0) & (total >= OFTEN * total.max(initial=0)), total, np.nan)
     modes = np.nan_to_num(errors.modes)
     of_source = [np.where(grid.source == s, flows[1], 0.0) for s in range(len(errors.shares))]
@@ -300,10 +286,6 @@ def _mean_profile(flow: Complexes, number: Floats) -> MeanProfile:
     return MeanProfile(mean, (power + twice.real) / 2.0, (power - twice.real) / 2.0, twice.imag / 2.0)
 
 
-USUAL, UNBROKEN_DAYS = 0.9, 15.0
-GAP = complex(np.nan, np.nan)
-
-
 @dataclass(frozen=True)
 class DepthSeries:
     """Gridded currents, each at the depth with most periods of days without a gap."""
@@ -317,8 +299,8 @@ class DepthSeries:
 def read_depth_series(path: str | Path) -> DepthSeries:
     """Read from gridded.nc the currents of the affected instrument, before and after, and of the reference.
 
-    Of the depths with ``USUAL`` as many unbroken periods as any, that with most values is taken, for the reference the
-    one nearest to it.
+    Of the depths with 0.9 as many unbroken periods of 15 days as any, that with most values is taken, for the reference
+    the one nearest to it.
     """
     grid, depths, flows = open_gridded(path), dict[str, float](), dict[str, Complexes]()
     series = {"corrected": grid.velocity, "recorded": grid.recorded, "reference": grid.velocity}
@@ -326,21 +308,21 @@ def read_depth_series(path: str | Path) -> DepthSeries:
         (("corrected", "recorded"), grid.affected), (("reference",), (grid.source >= 0) & ~grid.affected),
     ):  # fmt: skip
         missing = np.pad(np.cumsum(~there, axis=0), ((1, 0), (0, 0)))
-        length = min(int(UNBROKEN_DAYS * DAY_S / grid.step_s), len(there))
+        length = min(int(15.0 * DAY_S / grid.step_s), len(there))
         unbroken = np.sum(missing[length:] == missing[: len(missing) - length], axis=0)
-        usual = np.flatnonzero(unbroken >= USUAL * unbroken.max())
+        usual = np.flatnonzero(unbroken >= 0.9 * unbroken.max())
         level = int(usual[np.argmax(there.sum(axis=0)[usual])])
         if "corrected" in depths:
             level = int(usual[np.argmin(np.abs(grid.depth_m[usual] - depths["corrected"]))])
         for name in names if there[:, level].any() else ():
             depths[name] = float(grid.depth_m[level])
-            flows[name] = np.where(there[:, level], series[name][:, level], GAP)
+            flows[name] = np.where(there[:, level], series[name][:, level], NONE)
     with open_netcdf(path) as nc:
         return DepthSeries(grid.step_s, float(nc["LATITUDE"][...]), depths, flows)
 
 
 @dataclass(frozen=True)
-class GriddedCurrents(Labelled):
+class GriddedCurrents(records.Labelled):
     """Velocities of a mooring on t times and z depths, NaN where there is none."""
 
     time_s: Floats  #: (t,) middle of each interval, UTC seconds since 1970
@@ -349,7 +331,7 @@ class GriddedCurrents(Labelled):
     velocity: Complexes  #: (t, z) m/s, true east + i north
     east_sigma: Floats  #: (t, z) m/s, standard deviation of each cell
     north_sigma: Floats  #: (t, z) m/s, standard deviation of each cell
-    quality: Flags  #: (t, z) OceanSITES flag, 8 for interpolated
+    quality: records.Flags  #: (t, z) OceanSITES flag, 8 for interpolated
     source: NDArray[np.intp]  #: (t, z) index into ``instruments``, -1 where there is no velocity
     instruments: tuple[str, ...]  #: names, affected instruments first
     errors: HeadingErrors  #: heading errors, which are correlated between cells and times
@@ -424,7 +406,7 @@ class GriddedCurrents(Labelled):
         modes, random, white = errors_by_time(east, north, flow, remainder, source, self.errors)
         sigma = np.sqrt(np.sum(modes**2, axis=0) + np.sum(random**2, axis=0) + white)
         mean, mean_sigma = self.sum_cells(east / enough.sum(), north / enough.sum())
-        with import_xarray().open_dataset(self.path) as data:
+        with records.import_xarray().open_dataset(self.path) as data:
             time = data.TIME.load()
         attributes = {
             "long_name": f"volume transport towards {along_deg:g} degrees, {from_m:g} to {to_m:g} m",
@@ -432,7 +414,7 @@ class GriddedCurrents(Labelled):
             "mean_transport": mean, "mean_sigma": mean_sigma,
         }  # fmt: skip
         described = {"long_name": "standard deviation of the transport", "units": "m3 s-1"}
-        return import_xarray().DataArray(
+        return records.import_xarray().DataArray(
             np.where(enough, series, np.nan), dims="TIME", name="transport", attrs=attributes,
             coords={"TIME": time, "sigma": ("TIME", np.where(enough, sigma, np.nan), described)},
         )  # fmt: skip

@@ -1,7 +1,4 @@
-"""CF netCDF input and output: records between two stages, overlap.nc and corrected.nc.
-
-Reading raises InputError where a file is missing, damaged or of another kind.
-"""
+"""CF netCDF input and output: records between two stages, overlap.nc and corrected.nc."""
 
 from __future__ import annotations
 
@@ -15,8 +12,8 @@ import netCDF4
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib import angles
-from compasslib.archive import variables
+from compasslib import angles, records
+from compasslib.archive import files, variables
 from compasslib.archive.attributes import (
     SENSOR_KEYS,
     Site,
@@ -25,48 +22,26 @@ from compasslib.archive.attributes import (
     plain,
     sensor_attributes,
 )
-from compasslib.archive.files import (
-    StoredVariable,
-    create_netcdf,
-    open_netcdf,
-    read_attribute,
-    read_variable,
-    write_bins,
-    write_variable,
-)
 from compasslib.archive.variables import CORRECTED, PAIRS, RECORD, Variable
 from compasslib.errors import InputError
 from compasslib.preparation.quality import MASKS
-from compasslib.records import (
-    BAD,
-    MISSING,
-    PROBABLY_BAD,
-    PROBABLY_GOOD,
-    CorrectedRecord,
-    Flags,
-    Pairs,
-    Record,
-    ReferenceCompass,
-    SlowShear,
-    pieces,
-)
 from compasslib.types import DAY_S, Bools, Floats
 
 if TYPE_CHECKING:
     from compasslib.deviation.correction import CorrectedPieces
 
 SOURCES = "sources"  # attribute of records and pairs: SHA-256 of the raw files by path, as JSON
-Columns = dict[str, tuple[NDArray[Any], Flags | None]]  # values and flags, by name of the variable
+Columns = dict[str, tuple[NDArray[Any], records.Flags | None]]  # values and flags, by name of the variable
 
 
-def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, object] | None = None) -> None:
+def write_record(path: str | Path, record: records.Record, *, attributes: Mapping[str, object] | None = None) -> None:
     """Write a record for the stages that follow, series in float64, velocities and ranges in float32."""
     # Not compressed, as it is read five times; it is still smaller than most raw files.
-    with create_netcdf(path) as nc:
+    with files.create_netcdf(path) as nc:
         nc.setncatts({"Conventions": "CF-1.11", "title": "record of one instrument"} | plain(attributes or {}))
         nc.createDimension("TIME", len(record.time_s))
-        write_bins(nc, record.east.shape[1], _beams(record), record.looks_up)
-        for name in (field.name for field in fields(Record)):
+        files.write_bins(nc, record.east.shape[1], _beams(record), record.looks_up)
+        for name in (field.name for field in fields(records.Record)):
             value = getattr(record, name)
             if name in RECORD and value is not None:
                 _write_pieces(nc, RECORD[name], value)
@@ -74,7 +49,7 @@ def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, o
                 nc.setncattr(name, json.dumps(value, default=lambda number: number.item()))
         for name, series in record.channels.items():
             unit, meaning = record.channel_units.get(name, "1"), f"{name.replace('_', ' ')}, as logged or given"
-            write_variable(nc, Variable(f"{variables.CHANNEL}{name}", meaning, unit), series, level=0)
+            files.write_variable(nc, Variable(f"{variables.CHANNEL}{name}", meaning, unit), series, level=0)
         for name, profile in record.profiles.items():
             first = profile[:1]
             shape = variables.BEAMS if first.ndim == 3 else variables.BINS
@@ -89,45 +64,45 @@ def write_record(path: str | Path, record: Record, *, attributes: Mapping[str, o
 
 def _write_pieces(nc: netCDF4.Dataset, variable: Variable, values: Any) -> None:
     """Write a variable along TIME piece by piece, as its copies in other types fill the memory."""
-    for rows in pieces(len(nc.dimensions["TIME"])):
-        write_variable(nc, variable, _beams_first(values[rows]), level=0, rows=rows)
+    for rows in records.pieces(len(nc.dimensions["TIME"])):
+        files.write_variable(nc, variable, _beams_first(values[rows]), level=0, rows=rows)
 
 
 def _beams_first(values: NDArray[Any]) -> NDArray[Any]:
     return np.moveaxis(values, 2, 0) if values.ndim == 3 else values
 
 
-def _beams(record: Record) -> int:
+def _beams(record: records.Record) -> int:
     """Return the number of beams of the profiles, 0 where none of them has a beam dimension."""
     shapes = [profile[:1].shape for profile in record.profiles.values()]
     return max((shape[2] for shape in shapes if len(shape) == 3), default=0)
 
 
-def read_record(path: str | Path, *, velocities: bool = True) -> Record:
+def read_record(path: str | Path, *, velocities: bool = True) -> records.Record:
     """Read a record written by ``write_record``, without its profiles, and without any bins if not for ``velocities``.
 
     Rows of its bins are read on access.
     """
-    with open_netcdf(path) as nc:
+    with files.open_netcdf(path) as nc:
         content: dict[str, Any] = {
-            name: StoredVariable(str(path), entry.name, nc[entry.name].shape)
+            name: files.StoredVariable(str(path), entry.name, nc[entry.name].shape)
             if velocities and nc[entry.name].ndim > 1
-            else read_variable(nc, entry.name, bins=0)
+            else files.read_variable(nc, entry.name, bins=0)
             for name, entry in RECORD.items()
             if name != "tests" or entry.name in nc.variables
         }
-        others = {field.name for field in fields(Record)} - {*RECORD} - variables.NOT_STORED
+        others = {field.name for field in fields(records.Record)} - {*RECORD} - variables.NOT_STORED
         content |= {name: json.loads(nc.getncattr(name)) for name in others & {*nc.ncattrs(), "counts", "warnings"}}
         channels = [name for name in nc.variables if name.startswith(variables.CHANNEL)]
-        content["channels"] = {name.removeprefix(variables.CHANNEL): read_variable(nc, name) for name in channels}
-    return Record(**content | {"warnings": tuple(content["warnings"])})
+        content["channels"] = {name.removeprefix(variables.CHANNEL): files.read_variable(nc, name) for name in channels}
+    return records.Record(**content | {"warnings": tuple(content["warnings"])})
 
 
 def read_profiles(path: str | Path) -> dict[str, Any]:
     """Open the profiles of a record written by ``write_record``; their rows are read on access."""
-    with open_netcdf(path) as nc:
+    with files.open_netcdf(path) as nc:
         return {
-            key: StoredVariable(str(path), name, nc[name].shape)
+            key: files.StoredVariable(str(path), name, nc[name].shape)
             for key, name in variables.PROFILES.items()
             if name in nc.variables
         }
@@ -135,14 +110,14 @@ def read_profiles(path: str | Path) -> dict[str, Any]:
 
 def read_notes(path: str | Path, name: str) -> Any:
     """Read the ``counts`` (read, skipped, flagged) or the ``warnings`` of a record without its series."""
-    return json.loads(read_attribute(path, name))
+    return json.loads(files.read_attribute(path, name))
 
 
 def read_sources(paths: Iterable[str | Path]) -> dict[str, str]:
     """Read the SHA-256 of the raw files behind records and ready-made pairs, by path relative to the cruise folder."""
     sources: dict[str, str] = {}
     for path in paths:
-        with open_netcdf(path) as nc:
+        with files.open_netcdf(path) as nc:
             sources |= json.loads(getattr(nc, SOURCES, "{}"))
     return sources
 
@@ -168,9 +143,9 @@ PAIR_NOTES = {
 ERRORS, VEER = "water_error_of_mean_and_of_prediction_m_s", "water_turned_for_good_deg"
 
 
-def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, object] | None = None) -> None:
+def write_pairs(path: str | Path, pairs: records.Pairs, *, attributes: Mapping[str, object] | None = None) -> None:
     """Write overlap.nc, possibly without pairs."""
-    with create_netcdf(path) as nc:
+    with files.create_netcdf(path) as nc:
         nc.setncatts({"Conventions": "CF-1.11", "title": "pairs of overlapping velocities"} | plain(attributes or {}))
         notes = {name: getattr(pairs, field) for name, field in PAIR_NOTES.items()}
         written = {name: note for name, note in notes.items() if note or name == "warnings"}
@@ -181,20 +156,20 @@ def write_pairs(path: str | Path, pairs: Pairs, *, attributes: Mapping[str, obje
         nc.createDimension("TIME", len(pairs))
         for name, variable in PAIRS.items():
             if (column := getattr(pairs, name)) is not None:
-                write_variable(nc, variable, column)
+                files.write_variable(nc, variable, column)
         if pairs.reference_names:
             flags = np.arange(len(pairs.reference_names), dtype=np.int8)
             meanings = {"flag_values": flags, "flag_meanings": " ".join(pairs.reference_names)}
             nc[PAIRS["reference_index"].name].setncatts(meanings)
-        write_variable(nc, variables.SEPARATION_METRES, pairs.lower_depth_m - pairs.upper_depth_m)
+        files.write_variable(nc, variables.SEPARATION_METRES, pairs.lower_depth_m - pairs.upper_depth_m)
 
 
-def read_pairs(path: str | Path) -> Pairs:
+def read_pairs(path: str | Path) -> records.Pairs:
     """Read pairs written by ``write_pairs``."""
-    with open_netcdf(path) as nc:
+    with files.open_netcdf(path) as nc:
         perhaps = {"lower_heading_deg", "reference_index"}
         values: dict[str, Any] = {
-            name: read_variable(nc, variable.name)
+            name: files.read_variable(nc, variable.name)
             for name, variable in PAIRS.items()
             if name not in perhaps or variable.name in nc.variables
         }
@@ -203,12 +178,9 @@ def read_pairs(path: str | Path) -> Pairs:
         values |= {"reference_names": tuple(names), "veer_deg": float(nc.getncattr(VEER))}
         notes = {field: json.loads(getattr(nc, name, "null")) for name, field in PAIR_NOTES.items()}
         values |= {field: tuple(map(tuple, notes[field] or ())) for field in ("doubts", "slowed")}
-        for field, made in (("compass", ReferenceCompass), ("slow_shear", SlowShear)):
+        for field, made in (("compass", records.ReferenceCompass), ("slow_shear", records.SlowShear)):
             values[field] = None if notes[field] is None else made(**notes[field])
-        return Pairs(**values, warnings=tuple(notes["warnings"]))
-
-
-# corrected.nc (CF, ACDD and OceanSITES).
+        return records.Pairs(**values, warnings=tuple(notes["warnings"]))
 
 
 def days_since_1950(time_s: Floats) -> Floats:
@@ -223,7 +195,7 @@ def seconds_since_1970(days: Floats) -> Floats:
 
 def write_corrected(
     path: str | Path,
-    product: CorrectedRecord | CorrectedPieces,
+    product: records.CorrectedRecord | CorrectedPieces,
     *,
     site: Site,
     attributes: Mapping[str, object] | None = None,
@@ -241,17 +213,17 @@ def write_corrected(
     depths, declination = list[float](), list[Floats]()
     # A measured depth varies; a constant one comes from metadata.
     nominal = len(np.unique(record.depth_m[np.isfinite(record.depth_m)])) == 1
-    with create_netcdf(path, "NETCDF4_CLASSIC") as nc:
+    with files.create_netcdf(path, "NETCDF4_CLASSIC") as nc:
         write_frame(nc, variables.TIME, record.time_s, site)
         # In the classic model only the unlimited dimension, TIME, may have length 0.
-        write_bins(nc, max(record.east.shape[1], 1), _beams(record), record.looks_up)
-        for piece in [product] if isinstance(product, CorrectedRecord) else product:
+        files.write_bins(nc, max(record.east.shape[1], 1), _beams(record), record.looks_up)
+        for piece in [product] if isinstance(product, records.CorrectedRecord) else product:
             begin, end = end, end + len(piece.record.time_s)
             for name, (values, flags) in _columns(piece, record, site, nominal).items():
                 variable = CORRECTED[name]
                 if variable.dimensions == variables.BEAMS and values.ndim == 2:  # counts without a beam dimension
                     variable = replace(variable, dimensions=variables.BINS)
-                write_variable(nc, variable, values, flags, level=4, rows=slice(begin, end))
+                files.write_variable(nc, variable, values, flags, level=4, rows=slice(begin, end))
             depth = piece.record.bin_depth_m()
             known = depth[site.holds_water(depth)]
             depths += [known.min(), known.max()] if known.size else []
@@ -280,10 +252,10 @@ def write_frame(nc: netCDF4.Dataset, time: Variable, time_s: Floats, site: Site)
     name = np.frombuffer(site.name.encode(), dtype="S1")
     nc.createDimension("TIME", len(time_s))
     nc.createDimension("NAME_LENGTH", len(name))
-    write_variable(nc, time, days_since_1950(time_s))
-    write_variable(nc, variables.LATITUDE, site.latitude)
-    write_variable(nc, variables.LONGITUDE, site.signed_longitude())
-    write_variable(nc, variables.STATION, name)
+    files.write_variable(nc, time, days_since_1950(time_s))
+    files.write_variable(nc, variables.LATITUDE, site.latitude)
+    files.write_variable(nc, variables.LONGITUDE, site.signed_longitude())
+    files.write_variable(nc, variables.STATION, name)
 
 
 # Variables of corrected.nc by the field of ``CorrectedRecord`` and of its ``record`` that they hold.
@@ -317,53 +289,53 @@ _RECORDED = {
 }
 
 
-def read_corrected(path: str | Path, *, velocities: bool = True) -> CorrectedRecord:
+def read_corrected(path: str | Path, *, velocities: bool = True) -> records.CorrectedRecord:
     """Read a product written by ``write_corrected``, as far as figures need it; without ``velocities``, without bins.
 
     Its ``record`` has no supply voltage, profiles, counts or warnings, and its velocities are those by the recorded
     heading, relative to true north.
     """
     bins = None if velocities else 0
-    with open_netcdf(path) as nc:
+    with files.open_netcdf(path) as nc:
         absent = {"PRES", "TEMP"} - {*nc.variables}
-        made: dict[str, Any] = {field: read_variable(nc, name, bins=bins) for field, name in _PRODUCT.items()}
+        made: dict[str, Any] = {field: files.read_variable(nc, name, bins=bins) for field, name in _PRODUCT.items()}
         known: dict[str, Any] = {
-            field: read_variable(nc, name, bins=bins) for field, name in _RECORDED.items() if name not in absent
+            field: files.read_variable(nc, name, bins=bins) for field, name in _RECORDED.items() if name not in absent
         }
-        time_s, depth = seconds_since_1970(read_variable(nc, "TIME")), read_variable(nc, "DEPTH", bins=bins)
+        time_s, depth = seconds_since_1970(files.read_variable(nc, "TIME")), files.read_variable(nc, "DEPTH", bins=bins)
         unknown = np.full(time_s.shape, np.nan)
         looks_up = nc["HEADING"].getncattr("sensor_orientation") == "upward"
     missing = dict.fromkeys(("pressure_dbar", "temperature_c", "supply_voltage"), unknown)
     known["bin_range_m"] = (1.0 if looks_up else -1.0) * (known["depth_m"][:, None] - depth)
-    record = Record(time_s=time_s, looks_up=looks_up, direction_reference="true", **{**missing, **known})
-    return CorrectedRecord(record=record, **made)
+    record = records.Record(time_s=time_s, looks_up=looks_up, direction_reference="true", **{**missing, **known})
+    return records.CorrectedRecord(record=record, **made)
 
 
-def open_product(path: str | Path) -> CorrectedRecord:
+def open_product(path: str | Path) -> records.CorrectedRecord:
     """Load a corrected.nc, or that of a folder of results; its ``to_xarray()`` loads the whole file into a dataset."""
     path = Path(path) / "corrected.nc" if Path(path).is_dir() else Path(path)
-    with open_netcdf(path) as nc:
+    with files.open_netcdf(path) as nc:
         if "HEADING_ERROR_MODE" in nc.variables:
             raise InputError(str(path), "corrected.nc", "gridded velocities", "open it by compasslib.open_gridded")
     return replace(read_corrected(path), path=str(path))
 
 
-def _columns(product: CorrectedRecord, whole: Record, site: Site, nominal: bool) -> Columns:
+def _columns(product: records.CorrectedRecord, whole: records.Record, site: Site, nominal: bool) -> Columns:
     """Collect the variables of a piece of the product; optional ones as far as the ``whole`` record has values."""
     record = product.record
     depth, instrument_depth = record.bin_depth_m(), record.depth_m
     heading, quality = product.heading_corrected_deg, product.heading_corrected_quality
-    corrected = _flag_missing(quality, heading, BAD)
+    corrected = _flag_missing(quality, heading, records.BAD)
     true = angles.wrap360(heading + product.declination_deg)
     tests = np.zeros(record.quality.shape, dtype=np.int32) if record.tests is None else record.tests
-    doubtful = np.where(quality >= PROBABLY_BAD, MASKS["heading"], 0)
+    doubtful = np.where(quality >= records.PROBABLY_BAD, MASKS["heading"], 0)
     east, north = product.east_recorded, product.north_recorded
     columns: Columns = {
         "DEPTH": (depth, _judged("DEPTH", depth, nominal, site.holds_water(depth))),
         "INSTRUMENT_DEPTH": (instrument_depth, _judged("INSTRUMENT_DEPTH", instrument_depth, nominal)),
         "HEADING": (
             angles.wrap360(record.heading_deg),
-            _flag_missing(record.heading_quality, record.heading_deg, MISSING),
+            _flag_missing(record.heading_quality, record.heading_deg, records.MISSING),
         ),
         "HEADING_CORRECTED": (angles.wrap360(heading), corrected),
         "HEADING_CORRECTED_UNCERTAINTY": (product.heading_uncertainty_deg, corrected),
@@ -371,14 +343,14 @@ def _columns(product: CorrectedRecord, whole: Record, site: Site, nominal: bool)
         "DEVIATION": (product.deviation_deg, corrected),
         "BRANCH_PROBABILITY": (product.branch_probability, None),
         "DECLINATION": (product.declination_deg, _judged("DECLINATION", product.declination_deg, True)),
-        "UCUR": (product.east, _flag_missing(product.velocity_quality, product.east, BAD)),
-        "VCUR": (product.north, _flag_missing(product.velocity_quality, product.north, BAD)),
-        "UCUR_RECORDED": (east, _flag_missing(record.quality, east, MISSING)),
-        "VCUR_RECORDED": (north, _flag_missing(record.quality, north, MISSING)),
+        "UCUR": (product.east, _flag_missing(product.velocity_quality, product.east, records.BAD)),
+        "VCUR": (product.north, _flag_missing(product.velocity_quality, product.north, records.BAD)),
+        "UCUR_RECORDED": (east, _flag_missing(record.quality, east, records.MISSING)),
+        "VCUR_RECORDED": (north, _flag_missing(record.quality, north, records.MISSING)),
         "UCUR_QC_TESTS": (tests | doubtful[:, None], None),
         "UCUR_UNCERTAINTY": (product.velocity_uncertainty, None),
         "VCUR_UNCERTAINTY": (product.velocity_uncertainty, None),
-        "HEADING_TRUE": (true, _flag_missing(quality, true, BAD)),
+        "HEADING_TRUE": (true, _flag_missing(quality, true, records.BAD)),
         "PITCH": (record.pitch_deg, _judged("PITCH", record.pitch_deg)),
         "ROLL": (record.roll_deg, _judged("ROLL", record.roll_deg)),
     }
@@ -387,20 +359,20 @@ def _columns(product: CorrectedRecord, whole: Record, site: Site, nominal: bool)
             columns[name] = (getattr(record, field), _judged(name, getattr(record, field)))
     for name, profile in record.profiles.items():
         values = profile[:]
-        flags = _flag_missing(record.quality, values, MISSING) if values.dtype.kind == "f" else None
+        flags = _flag_missing(record.quality, values, records.MISSING) if values.dtype.kind == "f" else None
         columns[variables.PROFILES[name]] = (_beams_first(values), flags)
     return columns
 
 
-def _flag_missing(flags: Flags, values: Floats, absent: int) -> Flags:
+def _flag_missing(flags: records.Flags, values: Floats, absent: int) -> records.Flags:
     """Set the flag ``absent`` where a value is missing and its flag is neither bad nor missing."""
-    given = np.isfinite(values) | np.isin(flags, (BAD, MISSING))
+    given = np.isfinite(values) | np.isin(flags, (records.BAD, records.MISSING))
     return np.where(given, flags, absent).astype(np.int8)
 
 
-def _judged(name: str, values: Floats, nominal: bool = False, within: Bools | bool = True) -> Flags:
+def _judged(name: str, values: Floats, nominal: bool = False, within: Bools | bool = True) -> records.Flags:
     """Flag the values of a variable that no earlier stage has flagged, by its valid range and ``within`` alone."""
     low, high = CORRECTED[name].valid or (-np.inf, np.inf)
     good = (values >= low) & (values <= high) & within
-    flags = np.where(good, variables.NOMINAL if nominal else PROBABLY_GOOD, BAD)
-    return np.where(np.isfinite(values), flags, MISSING).astype(np.int8)
+    flags = np.where(good, variables.NOMINAL if nominal else records.PROBABLY_GOOD, records.BAD)
+    return np.where(np.isfinite(values), flags, records.MISSING).astype(np.int8)

@@ -136,11 +136,6 @@ def processing(
     }
 
 
-def stamp(raw_files: Sequence[str]) -> dict[str, Any]:
-    """Compose the keys that state the provenance of a calibration: raw files, software and date."""
-    return {"source_files": list(raw_files), "software": software(), "date_created": date_created()}
-
-
 def changed_settings(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
     """List the settings of a job, or keys of a YAML file, that differ, without the outermost key, with both values."""
     left, right = (dict(_leaves(json.loads(json.dumps(side, default=str)))) for side in (before, after))

@@ -121,8 +121,6 @@ def read_histograms(path: str | Path) -> dict[str, NDArray[np.int_]]:
     return {name: columns["count"][columns["quantity"] == name].astype(int) for name in QUANTITIES}
 
 
-# Currents at one depth.
-
 GAP = complex(np.nan, np.nan)
 
 

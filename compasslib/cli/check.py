@@ -289,9 +289,6 @@ def _plural(n: int, noun: str) -> str:
     return f"{n} {noun}{'s' * (n != 1)}"
 
 
-# compass correct: one mooring in this process, without Snakemake.
-
-
 def correct(asked: Namespace) -> int:
     """Correct a mooring; report each stage and finally all warnings on stderr, and print the folder of the results."""
     folder = Path(asked.into or Path(asked.cruise) / "corrected" / asked.mooring)

@@ -169,7 +169,9 @@ def _flag_changes(old: Mapping[str, Any], new: Mapping[str, Any], here: Any, the
 def _unequal(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """List the keys of which one side has none, or another value."""
     both = {key: [np.asarray(side[key]) for side in (old, new) if key in side] for key in (*old, *new)}
-    alike = [key for key, x in both.items() if len(x) > 1 and np.array_equal(*x, equal_nan=x[0].dtype.kind == "f")]
+    alike = [
+        key for key, x in both.items() if len(x) > 1 and np.array_equal(x[0], x[1], equal_nan=x[0].dtype.kind == "f")
+    ]
     return [key for key in both if key not in alike]
 
 

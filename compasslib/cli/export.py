@@ -91,9 +91,6 @@ def _available_files(into: Path, *names: str) -> list[Path]:
     return files
 
 
-# PD0: the raw file with corrected headings.
-
-
 def _export_pd0(asked: Namespace, source: Path, into: Path) -> list[Path]:
     """Write each raw file with corrected headings, and a note on its origin and the changes made."""
     loaded, mooring = config.load_cruise(Path(asked.cruise)), asked.mooring
@@ -167,9 +164,6 @@ class _Headings:
         return np.where(same, angles.difference(self.corrected[at], self.recorded[at]), np.nan)
 
 
-# The formats.
-
-CSV_FORMAT = "%.7g"  # the precision of float32
 PREAMBLE = b"MATLAB 5.0 MAT-file, by compass export".ljust(116)  # scipy's contains the time of writing
 CONSTANT_VARIABLES = ("LATITUDE", "LONGITUDE", "STATION")
 
@@ -185,7 +179,7 @@ def write_csv(source: Path, table: Path, sidecar: Path) -> None:
     with open_netcdf(source) as nc, atomic_write(table) as temporary:
         with temporary.open("w", encoding="utf-8", newline="") as stream:
             for k, rows in enumerate(_tables(nc)):
-                rows.to_csv(stream, index=False, header=k == 0, float_format=CSV_FORMAT, lineterminator="\n")
+                rows.to_csv(stream, index=False, header=k == 0, float_format="%.7g", lineterminator="\n")
         write_json(sidecar, _csv_metadata(nc))
 
 

@@ -45,9 +45,6 @@ ASKED = ("orientation", "bin_size", "first_bin")
 UP, TRUE = {"orientation": "up"}, {"direction_reference": "true"}
 RETRIED: tuple[dict[str, str], ...] = ({}, UP, TRUE, UP | TRUE)
 
-TO_READ = "write one in a copy, or add it by hand with columns"
-TO_CARRY = "degrees north, where and when it was done: needed to carry it to a mooring"
-
 
 @dataclass
 class Contents:
@@ -141,7 +138,8 @@ def _sort(paths: Sequence[Path], name: str | None, contents: Contents) -> None:
         elif form is None:
             contents.left.append(f"{path}: {f'{kind.name}; {kind.advice}' if kind else 'its kind is not known'}")
         elif form == "table" and table is None:
-            contents.left.append(f"{path}: a table whose header names no known columns; {TO_READ}")
+            advice = "write one in a copy, or add it by hand with columns"
+            contents.left.append(f"{path}: a table whose header names no known columns; {advice}")
         elif table and table.kind == "pressure":
             companions.append(path)
         elif table and table.kind == "series":
@@ -195,7 +193,7 @@ def _add_calibration(path: Path, form: str, table: detect.GuessedTable | None, c
         keys |= {"columns": columns} if columns else {}
         keys |= place if known else dict.fromkeys(place, unknown)
         keys |= {} if "time_utc" in table.columns and unknown else {"date": unknown}
-        comments["latitude"] = TO_CARRY
+        comments["latitude"] = "degrees north, where and when it was done: needed to carry it to a mooring"
     contents.calibrations[name] = draft.calibration(kind, keys, comments)
 
 

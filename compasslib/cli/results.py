@@ -112,14 +112,10 @@ def print_warnings(warnings: Sequence[str], stream: TextIO | None = None) -> Non
         print(f"{len(once)} warning{'s' * (len(once) != 1)}:", *once, sep="\n  ", file=stream or sys.stderr, flush=True)
 
 
-# compass explain: the diagnosis of a mooring, a calibration or a shared compass in words, from its results.
-
-EXPLAINED = ("", "calibrations", "compasses")  # subfolders of the results
-
-
 def explain(asked: Namespace) -> int:
     """Print the diagnosis of a mooring, of a calibration, or of a compass that several records share."""
-    folder = mooring_folder(asked.cruise, asked.mooring, EXPLAINED, "mooring, calibration or compass").resolve()
+    what = "mooring, calibration or compass"
+    folder = mooring_folder(asked.cruise, asked.mooring, ("", "calibrations", "compasses"), what).resolve()
     root, name = folder.parents[1], folder.name
     needed = {"calibration": CALIBRATION_FILES, "compass": ("compass.json", "diagnosis.json")}
     what = next((part for part in needed if (folder / f"{part}.json").is_file()), "mooring")
@@ -131,17 +127,13 @@ def explain(asked: Namespace) -> int:
         elif what == "compass":
             section = sections.compass_section(name, root)
         else:
-            section = _mooring_section(folder)
+            row = {key: str(value) for key, value in summary.summary_row(folder.name, folder).items()}
+            read = read_mooring(folder.name, folder.parent, row)
+            facts, limits = sections.measures(read), sections.describe_limits(read.diagnosis)
+            section = replace(sections.mooring_section(read, folder.parent), facts=facts, limits=limits)
         lines = explanation_lines(section, folder)
     print("\n".join(lines))
     return 0
-
-
-def _mooring_section(folder: Path) -> ReportSection:
-    row = summary.summary_row(folder.name, folder)
-    read = read_mooring(row["name"], folder.parent, {name: str(value) for name, value in row.items()})
-    limits = sections.describe_limits(read.diagnosis)
-    return replace(sections.mooring_section(read, folder.parent), facts=sections.measures(read), limits=limits)
 
 
 def explanation_lines(section: ReportSection, folder: Path) -> list[str]:
@@ -168,9 +160,6 @@ def explanation_lines(section: ReportSection, folder: Path) -> list[str]:
 def _wrap(sentences: Iterable[str], *, width: int = 100) -> list[str]:
     wrapper = textwrap.TextWrapper(width, initial_indent=2 * " ", subsequent_indent=4 * " ")
     return [line for sentence in sentences for line in wrapper.wrap(sentence)]
-
-
-# compass verify: a cruise's files against its manifest, and removal of results that are no longer configured.
 
 
 def verify(asked: Namespace) -> int:

@@ -1,7 +1,5 @@
 """Base class of the YAML models, fields with their error messages, and the options of fit and product."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_origin

@@ -90,32 +90,16 @@ def tilting(pitch_deg: ArrayLike, roll_deg: ArrayLike) -> Floats:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-@dataclass(frozen=True)
-class Magnet:
-    """A point dipole fixed to the instrument's body: forward, starboard, down."""
-
-    place_m: tuple[float, float, float]
-    moment_a_m2: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Ball:
-    """A ball of soft iron, magnetised by the ambient field."""
-
-    place_m: tuple[float, float, float]
-    radius_m: float
-
-
 @dataclass(frozen=True, eq=False)
 class Magnetometer:
-    """Three sensors, one per row, and the iron near them."""
+    """Three sensors, one per row, and the iron near them, fixed to the body: forward, starboard, down."""
 
-    magnets: tuple[Magnet, ...]
-    ball: Ball
+    magnets: tuple[tuple[Floats, Floats], ...]  # place, m, and moment, A m2, of each point dipole
+    ball: tuple[Floats, float]  # place and radius, m, of a ball of soft iron, magnetised by the ambient field
     places_m: Floats  # (3, 3) positions of the sensors
     axes: Floats  # (3, 3) sensitivity of each sensor, nearly a unit vector
-    trim_nt: tuple[float, float, float] = (0.0, 0.0, 0.0)  # offset removed by the maker's calibration
-    even: tuple[float, float, float] = (0.0, 0.0, 0.0)  # quadratic error at full scale, as a fraction of it
+    trim_nt: ArrayLike = 0.0  # (3,) offset removed by the maker's calibration
+    even: ArrayLike = 0.0  # (3,) quadratic error at full scale, as a fraction of it
     step_nt: float = 40.0
 
 
@@ -128,40 +112,36 @@ def build(rng: np.random.Generator, earth_nt: tuple[float, float], strength: flo
     axes = np.eye(3) * (1.0 + rng.normal(0.0, 0.004, 3))[:, None] + rng.normal(0.0, 0.004, (3, 3))
     magnets = []
     for _ in range(rng.integers(3, 6)):
-        x, y, z = rng.normal(0.0, 1.0, 3).tolist()
-        magnets.append(Magnet(_place(rng, 0.3, 1.0), (x, y, z)))
-    ball = Ball(_place(rng, 0.6, 1.0), float(rng.uniform(0.08, 0.18)))
-    bent = tuple(rng.normal(0.0, 0.0008, 3).tolist())
-    made = Magnetometer(tuple(magnets), ball, places, axes, even=(bent[0], bent[1], bent[2]))
+        moment = rng.normal(0.0, 1.0, 3)
+        magnets.append((_place(rng, 0.3, 1.0), moment))
+    ball = (_place(rng, 0.6, 1.0), float(rng.uniform(0.08, 0.18)))
+    made = Magnetometer(tuple(magnets), ball, places, axes, even=rng.normal(0.0, 0.0008, 3))
     added = response(made)[1]
     scale = strength * earth_nt[0] / max(float(np.hypot(added[0], added[1])), 1.0)
-    scaled = tuple(replace(m, moment_a_m2=tuple(scale * np.array(m.moment_a_m2))) for m in made.magnets)
-    meter = replace(made, magnets=scaled)
+    meter = replace(made, magnets=tuple((place, scale * moment) for place, moment in magnets))
     matrix, added = response(meter)
     vertical = added[2] + (matrix[2, 2] - 0.5 * (matrix[0, 0] + matrix[1, 1])) * earth_nt[1]
-    return replace(meter, trim_nt=(0.0, 0.0, float(vertical + rng.normal(0.0, 100.0))))
+    return replace(meter, trim_nt=np.array([0.0, 0.0, vertical + rng.normal(0.0, 100.0)]))
 
 
 def response(meter: Magnetometer) -> tuple[Floats, Floats]:
     """Compute the linear response to the earth's field: matrix, (3, 3), and offset, (3,) nT."""
-    added, soft = np.zeros((3, 3)), np.zeros((3, 3, 3))
-    for k, place in enumerate(meter.places_m):
-        fields = (dipole_nt(np.array(m.moment_a_m2), place - np.array(m.place_m)) for m in meter.magnets)
-        added[k] = sum(fields, np.zeros(3))
+    added, soft, (ball_m, radius_m) = np.zeros((3, 3)), np.zeros((3, 3, 3)), meter.ball
+    for k, sensor_m in enumerate(meter.places_m):
+        added[k] = sum((dipole_nt(moment, sensor_m - place) for place, moment in meter.magnets), np.zeros(3))
         # A ball of high permeability adds a dipole along the field of the earth.
-        away = place - np.array(meter.ball.place_m)
-        distance = float(np.linalg.norm(away))
-        unit = away / distance
-        soft[k] = np.eye(3) + (meter.ball.radius_m / distance) ** 3 * (3.0 * np.outer(unit, unit) - np.eye(3))
+        distance = float(np.linalg.norm(sensor_m - ball_m))
+        unit = (sensor_m - ball_m) / distance
+        soft[k] = np.eye(3) + (radius_m / distance) ** 3 * (3.0 * np.outer(unit, unit) - np.eye(3))
     matrix = np.einsum("ij,ijk->ik", meter.axes, soft)
-    return matrix, np.einsum("ij,ij->i", meter.axes, added) - np.array(meter.trim_nt)
+    return matrix, np.einsum("ij,ij->i", meter.axes, added) - meter.trim_nt
 
 
 def felt(meter: Magnetometer, body_nt: Floats, nearby_nt: Floats | float = 0.0, *, stepped: bool = True) -> Floats:
     """Simulate the output of the sensors, (..., 3) nT, in the earth's field and that of objects near by."""
     matrix, added = response(meter)
     raw = body_nt @ matrix.T + added + nearby_nt
-    curved = raw + FULL_SCALE_NT * np.array(meter.even) * (raw / FULL_SCALE_NT) ** 2
+    curved = raw + FULL_SCALE_NT * np.asarray(meter.even) * (raw / FULL_SCALE_NT) ** 2
     return np.asarray(meter.step_nt * np.rint(curved / meter.step_nt) if stepped else curved)
 
 
@@ -173,7 +153,6 @@ def dipole_nt(moment_a_m2: Floats, away_m: Floats) -> Floats:
     return np.asarray(1e9 * field_t)
 
 
-def _place(rng: np.random.Generator, nearest: float, farthest: float) -> tuple[float, float, float]:
+def _place(rng: np.random.Generator, nearest: float, farthest: float) -> Floats:
     away = rng.normal(size=3)
-    x, y, z = rng.uniform(nearest, farthest) * away / np.linalg.norm(away)
-    return float(x), float(y), float(z)
+    return np.asarray(rng.uniform(nearest, farthest) * away / np.linalg.norm(away))

@@ -44,11 +44,11 @@ GAMMA, DEVIATION, FILE_UNIT = "Recorded heading γ (° magnetic)", "Deviation β
 
 def draw_figure(figure: str, path: str | Path, shown: StoredCalibration) -> None:
     """Draw one figure of a calibration: ``compared``, or one of ``calibrations.FIGURES`` or ``calibrations.KINDS``."""
-    drawn_by = {
+    draw = {
         **{"deviation": draw_deviation, "certificate": draw_certificate, "compared": draw_compared},
         **{"tilt": draw_tilt, "magnetometer": draw_magnetometer, "series": draw_series},
     }
-    drawn_by[figure](path, shown)
+    draw[figure](path, shown)
 
 
 def _by_heading(axes: Axes, label: str = DEVIATION) -> None:
@@ -276,9 +276,6 @@ def _table(shown: StoredCalibration, columns: int = 3) -> list[str]:
 
 def _number(value: float | None, form: str) -> str:
     return UNKNOWN if value is None or not np.isfinite(value) else format(value, form)
-
-
-# Figures of one kind of calibration.
 
 
 def draw_tilt(path: str | Path, calibration: StoredCalibration) -> None:

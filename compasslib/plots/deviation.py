@@ -16,17 +16,10 @@ from matplotlib.ticker import FuncFormatter, LogLocator
 from numpy.typing import ArrayLike, NDArray
 
 from compasslib import angles, compass
+from compasslib.deviation import model
 from compasslib.deviation.assessment import BIN_DEG, BINS, Counts, directions_at_pairs
 from compasslib.deviation.correction import reference_modes
 from compasslib.deviation.exact import correct_roots, reading_slope
-from compasslib.deviation.model import (
-    DeviationFit,
-    FieldAtPlace,
-    iron_design,
-    observed_deviation,
-    observed_heading,
-    pair_speeds,
-)
 from compasslib.deviation.series import inverse_table, series_design, series_deviation
 from compasslib.plots import page
 from compasslib.records import CorrectedRecord, Pairs
@@ -43,12 +36,12 @@ RING: dict[str, Any] = {**POINT, "color": page.BLACK, "markerfacecolor": "white"
 CORRECT, RECORDS, DEVIATES = "Correct β (°)", "Recorded γ (°)", "Deviation β − γ (°)"
 
 
-def draw_deviation(path: str | Path, pairs: Pairs, fit: DeviationFit) -> None:
+def draw_deviation(path: str | Path, pairs: Pairs, fit: model.DeviationFit) -> None:
     """Draw deviation by correct heading, recorded by correct heading, and the inverse (von Appen 2015, Figs 6, 7)."""
-    heading = observed_heading(pairs)
+    heading = model.observed_heading(pairs)
     begin = page.emptiest(heading)
     curve = deviation_curve(fit, begin, heading) if fit.fitted else None
-    beta, deviation = page.placed(heading, begin), observed_deviation(pairs)
+    beta, deviation = page.placed(heading, begin), model.observed_deviation(pairs)
     middle = angles.wrap180(angles.mean(deviation))
     if curve:
         middle = np.interp(beta, curve.heading_deg, curve.deviation_deg)
@@ -69,7 +62,9 @@ def draw_deviation(path: str | Path, pairs: Pairs, fit: DeviationFit) -> None:
         if not (len(pairs) or curve):
             page.empty(*panels)
             return
-        slower = np.minimum(*pair_speeds(pairs))  # pairs are paler where the current is slow, and if there are many
+        slower = np.minimum(
+            *model.pair_speeds(pairs)
+        )  # pairs are paler where the current is slow, and if there are many
         clear = np.nan_to_num(slower) / max(float(np.nanpercentile(slower, 75.0)) if len(slower) else 1.0, 1e-6)
         faint = float(np.clip(15.0 / np.sqrt(max(len(slower), 1)), 0.08, 0.8))
         for level in (0.2, 0.4, 0.6, 0.8, 1.0):
@@ -99,7 +94,7 @@ class DeviationByHeading:
         return self.heading_deg - self.deviation_deg
 
 
-def deviation_curve(fit: DeviationFit, begin_deg: float, headings_deg: ArrayLike) -> DeviationByHeading:
+def deviation_curve(fit: model.DeviationFit, begin_deg: float, headings_deg: ArrayLike) -> DeviationByHeading:
     """Evaluate a fitted deviation over one turn from ``begin_deg``.
 
     Args:
@@ -142,7 +137,7 @@ def span_of(points: Floats, line: Floats) -> page.Limits:
     return (low + high) / 2.0 - half, (low + high) / 2.0 + half
 
 
-def _draw_curve(panels: Sequence[Axes], fit: DeviationFit, curve: DeviationByHeading) -> None:
+def _draw_curve(panels: Sequence[Axes], fit: model.DeviationFit, curve: DeviationByHeading) -> None:
     """Draw the curve with its 95 % band in the three panels, and the inverse used in the correction as rings."""
     half = np.minimum(NORMAL_95 * curve.sigma_deg, 180.0)
     beta, delta, gamma = curve.heading_deg, curve.deviation_deg, curve.recorded_deg
@@ -161,7 +156,7 @@ def _draw_curve(panels: Sequence[Axes], fit: DeviationFit, curve: DeviationByHea
     panels[2].plot(nearest.ravel(), inverted.ravel(), **RING)
 
 
-def _deviation_handles(pairs: Pairs, fit: DeviationFit, curve: DeviationByHeading | None) -> list[Artist]:
+def _deviation_handles(pairs: Pairs, fit: model.DeviationFit, curve: DeviationByHeading | None) -> list[Artist]:
     handles: list[Artist] = []
     if len(pairs):
         handles.append(page.line(f"{len(pairs)} pairs, paler at low speed", **POINT))
@@ -177,8 +172,6 @@ def _deviation_handles(pairs: Pairs, fit: DeviationFit, curve: DeviationByHeadin
     text = "correction by lookup table" if fit.method == "von_appen" else "correction, exact inverse"
     return [*handles, page.line(text, **RING)]
 
-
-# Agreement of current directions before and after.
 
 COUNTS = ListedColormap(colormaps["viridis_r"](np.linspace(0.1, 1.0, 256)))  # the palest colours vanish on white
 
@@ -221,9 +214,6 @@ def draw_scatter(path: str | Path, pairs: Pairs, product: CorrectedRecord) -> No
         bar.set_label("Pairs per hexagon, of all pairs")
 
 
-# A compass that several records share.
-
-
 def draw_shared_coefficients(path: str | Path, content: Mapping[str, Any]) -> None:
     """Draw coefficients and effects by each record alone and of the shared compass, with 95 % intervals."""
     deployments = [entry for entry in content["deployments"] if entry["coefficients"]]
@@ -260,7 +250,7 @@ def _shared_iron(
         axes.errorbar(value, k, xerr=NORMAL_95 * sigma, color=colour, marker="o", markersize=3, lw=1.0)
         if content["coefficients"]:
             # Predicted from the shared iron, variation between deployments included; B and C in nT.
-            weight = iron_design(FieldAtPlace(1.0, entry["vertical_nT"]))["ABCDE".index(letter), 1:]
+            weight = model.iron_design(model.FieldAtPlace(1.0, entry["vertical_nT"]))["ABCDE".index(letter), 1:]
             between = content["sigma_between"] if hard else 0.0
             middle = float(weight @ np.array(list(content["coefficients"].values()))) / scale
             variance = weight @ np.array(content["covariance"]) @ weight + between**2
@@ -278,8 +268,6 @@ def _shared_effect(axes: Axes, names: page.Rows, effect: Mapping[str, Any], k: i
         half = NORMAL_95 * entry["sigma"][k]
         axes.errorbar(entry["values"][k], place[name], xerr=half, color=page.BLUE, marker="o", markersize=3, lw=1.0)
 
-
-# Histograms before and after.
 
 STATISTICS = {"mean_deg": "mean", "median_absolute_deg": "median", "rms_deg": "rms"}  # degrees
 GROUPS = {

@@ -209,8 +209,6 @@ def _short(entry: Mapping[str, Any]) -> str:
     return f"unlisted, by {driver.replace('_', ' ')}" if driver else wording.display_name(name)
 
 
-# Heading errors where the truth is known.
-
 ERROR: dict[str, Any] = {"linestyle": "", "marker": "o", "markeredgewidth": 0}
 
 

@@ -112,8 +112,6 @@ def _draw_strip(axes: Axes, time_s: Floats, pairs: Pairs, kind: NDArray[np.str_]
     axes.set(ylim=(0.0, 140.0), yticks=[0.0, 100.0], ylabel="Samples\n(%)")
 
 
-# Currents.
-
 LINES: dict[str, dict[str, Any]] = {name: {"color": colour} for name, colour in page.COLOURS.items()}
 LINES["reference"] |= {"linewidth": 3.0, "alpha": 0.6, "zorder": 1.5}  # the corrected one often lies on it
 STICK: dict[str, Any] = {

@@ -5,8 +5,6 @@ the depth. Samples are averaged over the interval of each time, and empty cells 
 limit. A cell without a measurement inside it counts as interpolated; nothing is extrapolated.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -51,11 +49,6 @@ class Velocities:
     depth_m: Floats  # (k, m)
     quality: Flags  # (k, m)
     up: Floats | None = None  # (k, m) vertical velocity, m/s; None if it was not measured
-
-    def part(self, which: slice) -> Velocities:
-        """Select some of the samples."""
-        up = None if self.up is None else self.up[which]
-        return Velocities(self.velocity[which], self.depth_m[which], self.quality[which], up)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,6 @@ from compasslib.types import HOUR_S, Bools, Complexes, Floats
 
 UNMEASURED_MOTION_M_S = 0.005  # of a sphere without a pressure record: a bound, not an estimate
 MIN_MEMORY_S = HOUR_S
-NOTHING = [np.zeros(0, dtype=complex)]
 FEWEST = 100  # values needed for a variance
 
 
@@ -131,7 +130,7 @@ def learn_by_time(blocks: Sequence[Complexes], step_s: float, reach_s: float, no
     half = np.full(len(lags), np.nan)
     for k, lag in enumerate(lags.tolist()):
         steps = [(block[lag:] - block[:-lag]).ravel() for block in blocks if len(block) > lag]
-        changes = np.concatenate(steps or NOTHING)
+        changes = np.concatenate(steps or [np.zeros(0, dtype=complex)])
         known = np.abs(changes[np.isfinite(changes)]) ** 2
         half[k] = known.mean() / 2.0 if known.size >= FEWEST else np.nan
     if not np.isfinite(half[:2]).all():
@@ -235,9 +234,6 @@ def mean_factor(count: NDArray[Any], memory: float) -> Floats:
     decay = np.exp(-1.0 / max(memory, 1e-3))
     n = np.maximum(count, 1)
     return (1.0 + decay) / (1.0 - decay) / n - 2.0 * decay * (1.0 - decay**n) / (1.0 - decay) ** 2 / n**2
-
-
-# The heading error of a mooring's instruments along the times of the grid.
 
 
 @dataclass(frozen=True)

@@ -164,7 +164,7 @@ def survey(source: Source) -> Survey:
         rows = slice(begin, begin + PIECE)
         if begin % read_at_once == 0:
             read = source.rows(slice(begin, begin + read_at_once))
-        here = read.part(slice(begin % read_at_once, begin % read_at_once + PIECE))
+        here = take(read, slice(begin % read_at_once, begin % read_at_once + PIECE))
         usable = np.isfinite(here.velocity.real) & np.isfinite(here.depth_m)
         metre = here.depth_m[usable]
         metre = np.rint(metre[(metre >= 0.0) & (metre < DEEPEST_M - 0.5)]).astype(int)

@@ -13,14 +13,8 @@ from compasslib.archive import gridded as archive
 from compasslib.archive import netcdf, provenance, sites, summary
 from compasslib.archive.attributes import Site
 from compasslib.archive.files import read_json, write_json
+from compasslib.deviation import correction
 from compasslib.deviation.assessment import answer_use, build_histograms
-from compasslib.deviation.correction import (
-    correct_in_pieces,
-    describe_correction,
-    record_readings,
-    reference_modes,
-    tabulate_deviation,
-)
 from compasslib.deviation.doubts import evaluate_doubts
 from compasslib.deviation.model import declination_sigma, reference_compass
 from compasslib.inference import covariates
@@ -46,20 +40,20 @@ def correct(
     series = covariates.logged_series(affected, files.observatory)
     at = products.compass_along_record(made_by, affected, along, series)
     near = combine_references(netcdf.read_pairs(files.pairs))
-    made = correct_in_pieces(
+    made = correction.correct_in_pieces(
         whole, made_by.fit, along, near, at, unmodelled_deg=made_by.left_deg, doubts=made_by.doubts
     )
     sources = netcdf.read_sources([files.record, *files.references, files.pairs])
     processing = provenance.processing(made_by, along, sources, superseded, by_hand)
     netcdf.write_corrected(files.corrected, made, site=Site(**site), attributes=attributes, processing=processing)
     shutil.copyfile(files.pairs, files.overlap)
-    summary.write_lookup(files.table, tabulate_deviation(made_by.fit, made_by.left_deg, made_by.doubts))
+    summary.write_lookup(files.table, correction.tabulate_deviation(made_by.fit, made_by.left_deg, made_by.doubts))
     judged, written = read_json(files.agreement), netcdf.read_corrected(files.corrected, velocities=False)
     use = answer_use(read_json(files.diagnosis), written.heading_corrected_quality, written.heading_uncertainty_deg)
     write_json(files.assessment, {**judged, "use": use})
     counted = build_histograms(made.record, made.decision.heading_deg, near, judged["difference_counts"])
     summary.write_histograms(files.histograms, counted)
-    say(describe_correction(mooring, made))
+    say(correction.describe_correction(mooring, made))
 
 
 @dataclass(frozen=True)
@@ -167,8 +161,8 @@ def _read_affected(
     at = products.compass_along_record(made_by, recording, along, series)
     index = np.zeros(len(near), dtype=int) if near.reference_index is None else near.reference_index
     weights = np.bincount(index, minlength=references)[:references] / max(len(near), 1)
-    readings = record_readings(recording)
-    trusted = reference_modes(made_by.fit, product.heading_corrected_deg)
+    readings = correction.record_readings(recording)
+    trusted = correction.reference_modes(made_by.fit, product.heading_corrected_deg)
     columns = compass_modes(made_by.fit, at, readings, product.heading_corrected_deg)
     headings = AffectedHeadings(
         name=name,

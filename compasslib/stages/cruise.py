@@ -36,8 +36,8 @@ def usable(
     reasons = {Path(path).parents[1].relative_to("results").as_posix(): read_reason(path) for path in files.moorings}
     for whys, names in ((known, without["calibrations"]), (reasons, without["moorings"])):
         for name in names:
-            why = f"{name} was left out of this run (--config without={name})"
-            whys[name] = {"stage": "usable", "why": why, "file": None, "advice": "run again without that option"}
+            text = f"{name} was left out of this run (--config without={name})"
+            whys[name] = {"stage": "usable", "why": text, "file": None, "advice": "run again without that option"}
     for name, others in needed.items():
         stops = [(other, why) for other in others if (why := known[other])]
         follows = [why | {"why": f"{FOLLOWS} {other}, which was stopped: {why['why']}"} for other, why in stops]

@@ -268,8 +268,8 @@ def heading_errors(truth: Mapping[str, Any], folder: Path) -> HeadingErrors:
     time_s, known_s = product.record.time_s, np.array(truth["time_s"], dtype=float)
     at = np.clip(np.searchsorted(known_s, time_s), 0, len(known_s) - 1)
     right = np.where(np.abs(known_s[at] - time_s) < 1.0, np.array(truth["heading_deg"], dtype=float)[at], np.nan)
-    errors = (angles.difference(heading, right) for heading in (product.record.heading_deg, alone, good))
-    return HeadingErrors(time_s, *errors, product.heading_uncertainty_deg)
+    recorded, fitted, corrected = (angles.difference(x, right) for x in (product.record.heading_deg, alone, good))
+    return HeadingErrors(time_s, recorded, fitted, corrected, product.heading_uncertainty_deg)
 
 
 def reveal(name: str, root: Path, truth: Mapping[str, Any], errors: HeadingErrors, reach_deg: float) -> dict[str, Any]:

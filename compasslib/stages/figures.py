@@ -5,9 +5,9 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from compasslib.archive import calibrations as archived
 from compasslib.archive import netcdf, summary
-from compasslib.archive.files import embed_png, read_json, write_json
+from compasslib.archive.calibrations import StoredCalibration, read_table
+from compasslib.archive.files import embed_png, read_csv, read_json, write_json
 from compasslib.archive.gridded import read_depth_series, read_section
 from compasslib.inference import product as products
 from compasslib.plots import page
@@ -47,7 +47,7 @@ def sections(mooring: str, files: Files, say: Say) -> None:
 
 def calibration_figures(name: str, files: Files, say: Say) -> None:
     """Draw the figures of a calibration, among them those of its ``diagnosis``, if it has one."""
-    stored = archived.read(calibration=files.calibration, table=files.table, points=files.points)
+    stored = StoredCalibration(read_json(files.calibration), read_table(files.table), read_csv(files.points))
     diagnosis = read_json(files.diagnosis[0]) if files.diagnosis else None
     _draw("calibration", name, files, SimpleNamespace(stored=stored, diagnosis=diagnosis), say)
 

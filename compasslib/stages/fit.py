@@ -47,7 +47,8 @@ def calibrate(name: str, files: Files, say: Say, *, kind: str, settings: Setting
     """Write coefficients, deviation table, points and uncertainty budget of a calibration."""
     settled = earthfield.resolve_settings(settings)
     made = calibrations.calibrate(kind, files.raw, settled)
-    page = result.to_json(name, made, settled) | provenance.stamp(files.raw)
+    page = result.to_json(name, made, settled) | {"source_files": list(files.raw)}
+    page |= {"software": provenance.software(), "date_created": provenance.date_created()}
     archived.write(page=page, made=made, calibration=files.calibration, table=files.table, points=files.points)
     say(result.log_line(page))
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from compasslib.demo import compass, sealed
-from compasslib.demo.compass import Ball, Magnetometer
+from compasslib.demo.compass import Magnetometer
 from compasslib.demo.sealed import Effect
 from tests.world import draw
 
-PLAIN = Magnetometer((), Ball((9.0, 0.0, 0.0), 0.0), np.zeros((3, 3)), np.eye(3))
+PLAIN = Magnetometer((), (np.array([9.0, 0.0, 0.0]), 0.0), np.zeros((3, 3)), np.eye(3))
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def test_dipole_field_decays_cubically_and_doubles_on_axis():
 
 
 def test_iron_ball_response_along_and_across():
-    meter = replace(PLAIN, ball=Ball((0.0, 0.0, 0.8), 0.2))
+    meter = replace(PLAIN, ball=(np.array([0.0, 0.0, 0.8]), 0.2))
     matrix, added = compass.response(meter)
     share = (0.2 / 0.8) ** 3
     assert matrix == pytest.approx(np.diag([1 - share, 1 - share, 1 + 2 * share])) and not added.any()
