@@ -10,7 +10,6 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 import pytest
-from compasslib.deviation.curve import correct_roots
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
@@ -25,6 +24,7 @@ from compasslib.archive import summary as archive_currents
 from compasslib.deviation import assessment
 from compasslib.deviation.assessment import build_histograms, directions_at_pairs
 from compasslib.deviation.correction import correct
+from compasslib.deviation.exact import correct_roots
 from compasslib.deviation.likelihood import CELLS
 from compasslib.deviation.model import DeviationFit, nearest_root, observed_heading, unfitted
 from compasslib.deviation.series import fit_series, series_deviation
