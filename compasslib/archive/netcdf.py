@@ -114,7 +114,7 @@ def read_record(path: str | Path, *, velocities: bool = True) -> Record:
         content: dict[str, Any] = {
             name: StoredVariable(str(path), entry.name, nc[entry.name].shape)
             if velocities and nc[entry.name].ndim > 1
-            else read_variable(nc, entry.name, bins=0)
+            else read_variable(nc, entry.name, bins=slice(0))
             for name, entry in RECORD.items()
             if name != "tests" or entry.name in nc.variables
         }
@@ -325,7 +325,7 @@ def read_corrected(path: str | Path, *, velocities: bool = True) -> CorrectedRec
     Its ``record`` has no supply voltage, profiles, counts or warnings, and its velocities are those by the recorded
     heading, relative to true north.
     """
-    bins = None if velocities else 0
+    bins = None if velocities else slice(0)
     with open_netcdf(path) as nc:
         absent = {"PRES", "TEMP"} - {*nc.variables}
         made: dict[str, Any] = {field: read_variable(nc, name, bins=bins) for field, name in _PRODUCT.items()}
