@@ -2,7 +2,7 @@
 
     python benchmarks/memory.py [YEARS]
 
-Only the length of the record matters: it is simple (tide, slow current, weak iron). Ten years may take 1.5 GB per job.
+Only the length of the record matters: it is simple (tide, slow current, weak iron). Ten years may take 1 GB per job.
 """
 
 import sys
@@ -19,7 +19,7 @@ from compasslib import angles, compass
 from compasslib.demo import adcp
 
 START_S, YEAR_S, STEP_S, CELLS = 1_262_304_000, 31_557_600, 600, 40  # from 2010-01-01
-LIMIT_MB = 1536
+LIMIT_MB = 1000
 IRON = (0.01, 0.2, -0.1, 0.02, 0.01)
 SETUP = adcp.Setup(300, True, CELLS, 2.0, 1.76, 4.0, 30, "earth", 1)
 STAGES = (

@@ -274,7 +274,7 @@ def take(series: Series, which: NDArray[Any] | slice) -> Series:
 
 def pieces(count: int) -> Iterator[slice]:
     """Divide samples into pieces of ``PIECE``, at least one."""
-    yield from (slice(begin, begin + PIECE) for begin in range(0, max(count, 1), PIECE))
+    yield from (slice(begin, min(begin + PIECE, count)) for begin in range(0, max(count, 1), PIECE))
 
 
 def join_records(records: Sequence[Record]) -> Record:

@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 import netCDF4
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from compasslib.archive.variables import BEAM, BIN, FILL, Variable, quality_variable
 from compasslib.errors import InputError, TransientError, Unusable
@@ -225,6 +225,9 @@ class StoredVariable:
     def ndim(self) -> int:
         return len(self.shape)
 
+    def __array__(self, dtype: DTypeLike = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.asarray(self[:], dtype)
+
     def __getitem__(self, which: slice | NDArray[np.intp], /) -> NDArray[Any]:
         """Read rows as by ``read_variable``, with beams along the last axis."""
         with open_netcdf(self.path) as nc:
@@ -232,20 +235,22 @@ class StoredVariable:
                 return np.moveaxis(np.asarray(nc[self.name][:, which]), 0, 2)
             if isinstance(which, slice):
                 return read_variable(nc, self.name, which)
-            values = np.empty(
-                (len(which), *self.shape[1:]), float if nc[self.name].dtype.kind == "f" else nc[self.name].dtype
-            )
+            values = np.empty((len(which), *self.shape[1:]), read_variable(nc, self.name, slice(0)).dtype)
             for rows in pieces(self.shape[0]):  # the netCDF library reads single rows one by one
                 inside = (which >= rows.start) & (which < rows.stop)
                 values[inside] = read_variable(nc, self.name, rows)[which[inside] - rows.start]
             return values
 
 
-def read_variable(nc: netCDF4.Dataset, name: str, rows: slice | None = None, bins: int | None = None) -> NDArray[Any]:
-    """Read some rows and the first bins of a variable: floats as float64 with NaN where missing, others unchanged."""
-    place = (rows or slice(None), slice(bins)) if bins is not None and nc[name].ndim == 2 else rows or ...
-    values = np.asarray(nc[name][place])
-    return np.where(values == FILL, np.nan, values.astype(float)) if values.dtype.kind == "f" else values
+def read_variable(nc: netCDF4.Dataset, name: str, rows: slice | None = None, bins: slice | None = None) -> NDArray[Any]:
+    """Read some rows and bins of a variable: floats as float64 with NaN where missing, others unchanged."""
+    place = (rows or slice(None), bins) if bins is not None and nc[name].ndim == 2 else rows or ...
+    stored = np.asarray(nc[name][place])
+    if stored.dtype.kind != "f":
+        return stored
+    values = stored.astype(float)
+    values[stored == FILL] = np.nan
+    return values
 
 
 def read_series(path: str | Path, *names: str) -> list[NDArray[Any]]:

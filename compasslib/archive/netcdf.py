@@ -87,7 +87,7 @@ def read_record(path: str | Path, *, velocities: bool = True) -> records.Record:
         content: dict[str, Any] = {
             name: files.StoredVariable(str(path), entry.name, nc[entry.name].shape)
             if velocities and nc[entry.name].ndim > 1
-            else files.read_variable(nc, entry.name, bins=0)
+            else files.read_variable(nc, entry.name, bins=slice(0))
             for name, entry in RECORD.items()
             if name != "tests" or entry.name in nc.variables
         }
@@ -295,7 +295,7 @@ def read_corrected(path: str | Path, *, velocities: bool = True) -> records.Corr
     Its ``record`` has no supply voltage, profiles, counts or warnings, and its velocities are those by the recorded
     heading, relative to true north.
     """
-    bins = None if velocities else 0
+    bins = None if velocities else slice(0)
     with files.open_netcdf(path) as nc:
         absent = {"PRES", "TEMP"} - {*nc.variables}
         made: dict[str, Any] = {field: files.read_variable(nc, name, bins=bins) for field, name in _PRODUCT.items()}

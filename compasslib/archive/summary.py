@@ -156,12 +156,12 @@ def read_bin_currents(path: str | Path) -> BinCurrents:
         time_s = seconds_since_1970(read_variable(nc, "TIME"))
         count = np.sum(read_variable(nc, "UCUR_RECORDED_QC") < BAD, axis=0)
         shown = int(np.argmax(count >= 0.9 * count.max()))
-        flows = []
+        bins, flows = slice(shown, shown + 1), []
         for end in ("_RECORDED", ""):
             names = (f"UCUR{end}", f"VCUR{end}", f"UCUR{end}_QC")
-            east, north, quality = (read_variable(nc, name)[:, shown] for name in names)
+            east, north, quality = (read_variable(nc, name, bins=bins)[:, 0] for name in names)
             flows.append(CurrentSeries(time_s, np.where(quality < BAD, east + 1j * north, GAP)))
-        depth = read_variable(nc, "DEPTH")[:, shown]
+        depth = read_variable(nc, "DEPTH", bins=bins)[:, 0]
     known = depth[np.isfinite(depth)] if count.any() else np.zeros(0)
     return BinCurrents(float(np.median(known)) if known.size else float("nan"), *flows)
 

@@ -56,7 +56,11 @@ def apply_deployment(
     record = replace(record, time_s=time_s, direction_reference=direction_reference, pressure_dbar=pressure)
     record = _inside(record, start_s, end_s)
     profiles = {name: profile[:] for name, profile in record.profiles.items()}
-    measured = {name: x for name, x in profiles.items() if ((x > 0) if x.dtype.kind != "f" else np.isfinite(x)).any()}
+    measured = {
+        name: x
+        for name, x in profiles.items()
+        if (np.isfinite(x).any() if x.dtype.kind == "f" else x.max(initial=0) > 0)
+    }
     inside = parse_applied_declination(declination_applied) or AppliedDeclination(0.0, 0.0)
     east, north, heading = record.east, record.north, record.heading_deg
     if inside.velocity:
@@ -65,7 +69,6 @@ def apply_deployment(
         heading = np.where(np.isfinite(heading), angles.wrap360(heading - inside.heading), np.nan)
     depth, source = _depth(record, nominal_depth, latitude)
     notes = _depth_warnings(record.depth_m, depth, source, nominal_depth, water_depth)
-    missing = ~(np.isfinite(east) & np.isfinite(north))
     record = replace(
         record,
         profiles=measured,
@@ -74,7 +77,7 @@ def apply_deployment(
         heading_deg=heading,
         depth_m=depth,
         warnings=(*record.warnings, *notes),
-        quality=np.where(missing, MISSING, record.quality).astype(np.int8),
+        quality=np.where(np.isfinite(east) & np.isfinite(north), record.quality, MISSING).astype(np.int8),
     )
     record = flag_quality(record, water_depth, affected=affected, thresholds=Thresholds(**(quality or {})))
     bad = np.zeros(len(record.time_s), dtype=bool)

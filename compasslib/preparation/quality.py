@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.records import BAD, GOOD, LEAST_PERCENT_GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Record, pieces
+from compasslib.records import BAD, GOOD, LEAST_PERCENT_GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Record, pieces, take
 from compasslib.types import HOUR_S, Bools, Floats
 
 
@@ -53,18 +54,15 @@ class Check:
     profile: str = ""  #: profile of the record that is needed, if any
     sentence: str = ""  #: of the warning, formatted with the thresholds; empty where failures are natural
     heading: bool = False  #: whether the heading is doubtful then
+    by_sample: bool = False  #: whether samples are tested without others, so that years of them need not fit in memory
 
 
 def _third_beam(record: Record, profile: str) -> NDArray[np.int16]:
     """Compute the counts that three beams reach, as a velocity needs, (n, m); -1 is missing."""
-    whole = np.asarray(record.profiles[profile][:])
-    third = np.empty(whole.shape[:2], dtype=np.int16)
-    for rows in pieces(len(whole)):
-        counts = whole[rows].astype(np.int16)
-        counts[counts < 0] = np.iinfo(np.int16).max
-        counts.sort(axis=2)
-        third[rows] = counts[..., max(counts.shape[2] - 3, 0)]
-    return third
+    counts = np.asarray(record.profiles[profile][:]).astype(np.int16)
+    counts[counts < 0] = np.iinfo(np.int16).max
+    counts.sort(axis=2)
+    return np.asarray(counts[..., max(counts.shape[2] - 3, 0)])
 
 
 def _past_echo_jump(record: Record, most: float, _: float) -> Bools:
@@ -143,16 +141,17 @@ CHECKS = (  # in the order of their bits
     Check("low_percent_good", "qartod_percent_good"),
     Check("low_correlation", "qartod_correlation_magnitude",
           lambda record, least, _: _third_beam(record, "correlation") < least,
-          threshold="correlation", profile="correlation", sentence="correlations below {correlation:g} counts"),
+          threshold="correlation", profile="correlation", sentence="correlations below {correlation:g} counts",
+          by_sample=True),
     Check("large_error_velocity", "qartod_error_velocity",
           lambda record, most, _: np.abs(np.asarray(record.profiles["error_velocity"][:])) > most,
           threshold="error_velocity", profile="error_velocity",
-          sentence="error velocities above {error_velocity:g} m/s"),
+          sentence="error velocities above {error_velocity:g} m/s", by_sample=True),
     Check("weak_echo", "qartod_echo_intensity", lambda record, least, _: _third_beam(record, "echo") < least,
-          threshold="echo", profile="echo", sentence="echoes below {echo:g} counts"),
+          threshold="echo", profile="echo", sentence="echoes below {echo:g} counts", by_sample=True),
     Check("impossible_speed", "qartod_current_speed",
           lambda record, most, _: np.hypot(record.east, record.north) > most,
-          threshold="speed", sentence="faster than {speed:g} m/s"),
+          threshold="speed", sentence="faster than {speed:g} m/s", by_sample=True),
     Check("frozen_velocity", "qartod_flat_line", _frozen, sentence="the same to the last digit for hours"),
     Check("steep_tilt", "imos_tilt",
           lambda record, most, _: (np.fmax(np.abs(record.pitch_deg), np.abs(record.roll_deg)) > most)[:, None],
@@ -188,8 +187,9 @@ def flag_quality(
         limit = limits.get(check.threshold)
         absent = (check.threshold and limit is None) or (check.profile and check.profile not in record.profiles)
         if check.failed and not absent:
+            parts = map(partial(take, record), pieces(len(record.time_s))) if check.by_sample else [record]
             with np.errstate(invalid="ignore"):
-                failed = check.failed(record, limit, water_depth)
+                failed = np.concatenate([check.failed(part, limit, water_depth) for part in parts])
             record = flag_velocities(record, failed, check.count, check.sentence.format(**limits))
             record = flag_headings(record, failed[:, 0]) if check.heading else record
     # Headings that change by less than a compass's noise between samples for hours.
@@ -241,19 +241,11 @@ def flag_unit(record: Record) -> Record:
 def _flag_read(record: Record, least: float) -> Record:
     """Attribute the reader's flags to a check, and apply a percent-good threshold other than the reader's."""
     flagged = (record.quality > PROBABLY_GOOD) & (record.quality != MISSING)
-    if "percent_good" not in record.profiles:
-        return replace(record, tests=np.where(flagged, MASKS["flagged_in_file"], np.int32(0)))
-    if least == LEAST_PERCENT_GOOD:
-        return replace(record, tests=np.where(flagged, MASKS["low_percent_good"], np.int32(0)))
-    percent = np.asarray(record.profiles["percent_good"][:], dtype=float)
-    if percent.ndim == 3 and percent.shape[2] != 4:
-        percent = percent.min(axis=2)
-    elif percent.ndim == 3 and record.recorded_in != "beam":
-        percent = percent[..., 0] + percent[..., 3]  # the three- and four-beam solutions
-    elif percent.ndim == 3:
-        ordered = np.sort(percent, axis=2)
-        error = np.asarray(record.profiles.get("error_velocity", percent[..., 0])[:])
-        percent = np.where(np.isnan(error), ordered[..., 1], ordered[..., 0])  # of three beams the second lowest
+    if "percent_good" not in record.profiles or least == LEAST_PERCENT_GOOD:
+        tests = np.zeros(flagged.shape, dtype=np.int32)
+        tests[flagged] = MASKS["low_percent_good" if "percent_good" in record.profiles else "flagged_in_file"]
+        return replace(record, tests=tests)
+    percent = _percent_good(record)
     allowed = flagged & (percent >= least) & (percent < LEAST_PERCENT_GOOD)
     quality = np.where(allowed, GOOD, record.quality).astype(np.int8)
     tests = np.where(flagged & ~allowed, MASKS["low_percent_good"], np.int32(0))

@@ -130,10 +130,12 @@ def test_programming_error_is_not_reported_as_damage(corrected_nc, error):
 def test_record_round_trip(tmp_path, n, m):
     record = make_record(n, m, looks_up=np.bool_(False), direction_reference="true")
     netcdf.write_record(tmp_path / "r.nc", record)
-    same(record, netcdf.read_record(tmp_path / "r.nc"), rtol=2.0**-24)
+    back = netcdf.read_record(tmp_path / "r.nc")
+    same(record, take(back, slice(None)), rtol=2.0**-24)
+    np.testing.assert_array_equal(take(back, np.arange(n)[::3]).east, np.asarray(back.east)[::3])
     # A second round trip is exact.
-    netcdf.write_record(tmp_path / "r2.nc", netcdf.read_record(tmp_path / "r.nc"))
-    same(netcdf.read_record(tmp_path / "r.nc"), netcdf.read_record(tmp_path / "r2.nc"))
+    netcdf.write_record(tmp_path / "r2.nc", back)
+    same(take(back, slice(None)), take(netcdf.read_record(tmp_path / "r2.nc"), slice(None)))
 
 
 @pytest.mark.parametrize(
@@ -171,7 +173,7 @@ def test_profile_variables_round_trip_and_can_be_sliced(tmp_path):
     assert list(some.profiles) == list(PROFILES)
     for name, values in record.profiles.items():
         np.testing.assert_array_equal(some.profiles[name], values[2:7], err_msg=name)
-        assert some.profiles[name].dtype == values.dtype
+        assert some.profiles[name].dtype.kind == values.dtype.kind
 
 
 def test_joined_records_keep_only_common_profiles():

@@ -289,8 +289,8 @@ def test_every_field_is_decoded_as_encoded(tmp_path: Path) -> None:
     np.testing.assert_array_equal(ensembles.velocity, velocity_of(1))
     np.testing.assert_array_equal(ensembles.percent_good, [good])
     np.testing.assert_array_equal(ensembles.correlation, [[[70, 71, 72, 73]] * 3])
-    np.testing.assert_array_equal(record.east, [[0.1, 0.11, np.nan]])
-    np.testing.assert_array_equal(record.north, [[0.2, -0.21, np.nan]])
+    np.testing.assert_array_equal(record.east, np.float32([[0.1, 0.11, np.nan]]))
+    np.testing.assert_array_equal(record.north, np.float32([[0.2, -0.21, np.nan]]))
     np.testing.assert_array_equal(record.quality, [[1, 4, 9]])
     np.testing.assert_allclose(record.bin_range_m, [[4.23, 6.73, 9.23]])
     np.testing.assert_allclose(record.pitch_deg, currents.true_pitch(10.0, 60.0))
@@ -433,7 +433,7 @@ def test_known_salinity_corrects_velocities_and_ranges(tmp_path, choice, told, s
 )
 def test_unknown_or_irrelevant_speed_of_sound_keeps_velocities(tmp_path, choice, told, flag, sentence) -> None:
     record = read(fixed_sound(tmp_path, **told), sound_speed=choice)
-    np.testing.assert_array_equal(record.east[:, :2], [[0.1, 0.11]] * 2)
+    np.testing.assert_array_equal(record.east[:, :2], np.float32([[0.1, 0.11]] * 2))
     np.testing.assert_allclose(record.bin_range_m[0], [4.2, 6.2, 8.2])
     assert record.quality.tolist() == [[flag, flag, 9]] * 2 and record.heading_quality.tolist() == [1, 1]
     assert record.counts["sound_speed_doubtful"] == 2 * (flag == 2) and record.counts["sound_speed_corrected"] == 0
@@ -617,7 +617,7 @@ def test_heading_alignment_is_refused_without_a_setting(tmp_path: Path) -> None:
     assert "expected 0 degrees, found 45 degrees; give heading_alignment" in refused(path)
     ignored, added = read(path, heading_alignment=0.0), read(path, heading_alignment=45.0)
     assert (ignored.heading_deg[0], added.heading_deg[0]) == (350.0, 35.0)
-    np.testing.assert_allclose((added.east, added.north), angles.turn(ignored.east, ignored.north, 45.0))
+    np.testing.assert_allclose((added.east, added.north), angles.turn(ignored.east, ignored.north, 45.0), atol=1e-7)
     assert "heading alignment EA is 45 degrees" in added.warnings[0]
 
 

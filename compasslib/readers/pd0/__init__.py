@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,18 +31,17 @@ from compasslib.types import DAY_S, Floats
 ADVICE = "give each recording as a file of its own"
 FOUR = "export its four slanted beams, or give the velocities as a table"
 Columns = dict[str, NDArray[Any]]  # by name, (n, m, ...) each
-# Profiles that a record keeps. Velocities are computed in float64.
-PROFILES = {"east": "f4", "north": "f4", "up": "f4", "error_velocity": "f4", "quality": "i1"} | dict.fromkeys(
-    COUNTS, "4u1"
-)
+# Types of the profiles that a record keeps: velocities are computed in float64, and stored in float32 in any case.
+PROFILES = dict.fromkeys(("east", "north", "up", "error_velocity"), "f4") | {"quality": "i1"}
+PROFILES |= dict.fromkeys(COUNTS, "4u1")
 
 
 @dataclass(frozen=True, eq=False)
 class _File:
-    """Leaders of one file, in batches whose profiles are decoded later, straight to the arrays of the record."""
+    """Leaders of one file, and the batches whose profiles are decoded later, straight to the arrays of the record."""
 
     batches: list[list[EnsembleRun]]
-    leaders: list[Ensembles]  # without profiles
+    leaders: Ensembles  # without profiles
     counts: dict[str, int]
     warnings: tuple[str, ...]
 
@@ -81,7 +80,7 @@ def read(
     settings = Settings(orientation, applied, heading_alignment, serial_number, sound_speed)
     if not paths:
         raise InputError("files", expected="at least one PD0 file", found="none", advice="name the instrument's files")
-    content = sorted((_read_file(path, settings) for path in paths), key=lambda file: float(file.leaders[0].time_s[0]))
+    content = sorted((_read_file(path, settings) for path in paths), key=lambda file: float(file.leaders.time_s[0]))
     return _record(", ".join(map(str, paths)), content, settings)
 
 
@@ -105,8 +104,8 @@ def _read_file(path: Path, settings: Settings) -> _File:
     """Read the leaders of one file in batches."""
     runs, skipped, escaped = find_ensembles(path)
     size, widest, dropped = Path(path).stat().st_size, 0, Counter[str]()
-    content = _File([], [], {"three_beam": 0, "ensembles": 0}, ())
-    counts = content.counts
+    most, count = sum(run.count for run in runs), 0
+    used, columns = list[list[EnsembleRun]](), Columns()
     for batch in batches(runs):
         leaders, left_out = fields.decode_runs(batch, profiles=False)
         dropped += left_out
@@ -116,26 +115,28 @@ def _read_file(path: Path, settings: Settings) -> _File:
         refuse_alignment(f"{path}: heading alignment EA", aligned, settings.heading_alignment)
         is_earth = bool((leaders.coordinates == Coordinates.EARTH).all())
         refuse_rotation(str(path), settings.declination_applied, is_earth=is_earth)
-        content.batches.append(batch)
-        content.leaders.append(leaders)
-        counts["ensembles"] += len(leaders)
+        used.append(batch)
+        for name, column in vars(leaders).items():
+            whole = columns.setdefault(name, np.empty((most, *column.shape[1:]), column.dtype))
+            whole[count : count + len(column)] = column
+        count += len(leaders)
         widest = max(widest, int(leaders.cells.max()))
-        _refuse_padding(str(path), counts["ensembles"], widest, size)
-    _refuse_empty(path, counts["ensembles"], dropped)
-    failed, whole = sum(each.failed for each in skipped), counts["ensembles"] + dropped.total()
-    files.refuse_mostly_damaged(path, "PD0 ensembles", damaged=failed, whole=whole)
-    counts |= {reason: dropped[reason] for reason in DROPPED}
+        _refuse_padding(str(path), count, widest, size)
+    _refuse_empty(path, count, dropped)
+    failed = sum(each.failed for each in skipped)
+    files.refuse_mostly_damaged(path, "PD0 ensembles", damaged=failed, whole=count + dropped.total())
+    leaders = Ensembles(**{name: column[:count] for name, column in columns.items()})
+    counts = {"three_beam": 0, "ensembles": count} | {reason: dropped[reason] for reason in DROPPED}
     counts["damaged"] = sum(each.damaged for each in skipped)
     counts["bytes_skipped"] = sum(each.length for each in skipped)
     counts["bytes_total"] = counts["bytes_skipped"] + sum(run.size for run in runs)
     # Count the ensembles lost where bytes were skipped, from the numbers of the intact ensembles around them.
-    offset, number = (np.concatenate([getattr(x, name) for x in content.leaders]) for name in ("offset", "number"))
-    after = np.searchsorted(offset, [each.offset for each in skipped])
-    inside = after[(after > 0) & (after < len(offset))]
-    gaps = number[inside] - number[inside - 1] - 1
+    after = np.searchsorted(leaders.offset, [each.offset for each in skipped])
+    inside = after[(after > 0) & (after < count)]
+    gaps = leaders.number[inside] - leaders.number[inside - 1] - 1
     # Decreasing numbers mark the start of a new recording, where the loss is unknown.
     counts["lost"] = int(gaps[gaps > 0].sum())
-    return replace(content, warnings=tuple(describe_file(Path(path).name, counts, skipped, escaped=escaped)))
+    return _File(used, leaders, counts, tuple(describe_file(Path(path).name, counts, skipped, escaped=escaped)))
 
 
 def _refuse_padding(where: str, count: int, cells: int, size: int) -> None:
@@ -165,12 +166,13 @@ def _decode_profiles(content: Sequence[_File], factor: Floats, shape: tuple[int,
             east, north, up, error, three_beam = currents.compute_currents(ensembles, settings)
             file.counts["three_beam"] += three_beam
             by = factor[begin:end, None]
-            columns: Columns = {
+            columns: Columns = {"quality": currents.flag_currents(ensembles, east, north)}
+            columns |= {
                 "east": east * by,
                 "north": north * by,
-                "quality": currents.flag_currents(ensembles, east, north),
+                "up": up.astype(np.float32) * by,
+                "error_velocity": error.astype(np.float32) * by,
             }
-            columns |= {"up": up.astype(np.float32) * by, "error_velocity": error.astype(np.float32) * by}
             columns |= {name: getattr(ensembles, name) for name in COUNTS}
             for name, part in columns.items():
                 arrays[name][begin:end, : part.shape[1]] = part
@@ -186,7 +188,7 @@ def _decode_profiles(content: Sequence[_File], factor: Floats, shape: tuple[int,
 
 
 def _record(where: str, content: Sequence[_File], settings: Settings) -> Record:
-    leaders = fields.concatenate([part for file in content for part in file.leaders])
+    leaders = fields.concatenate([file.leaders for file in content])
     refuse_mixed(where, leaders)
     written = str(next(iter(frequent_numbers(leaders.serial)), ""))
     serial = match_serial_number(where, written, settings.serial_number)

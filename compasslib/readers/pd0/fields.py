@@ -225,7 +225,7 @@ def _has_profile(layout: Layout, identifier: int) -> bool:
 def _profile(rows: Bytes, layout: Layout, identifier: int, cells: int) -> Bytes:
     """Extract the bytes of a block by bin, (n, cells, 4 or 8), or zeros if it is absent."""
     shape = len(rows), cells, _PER_CELL[identifier]
-    if not _has_profile(layout, identifier):
+    if not cells or not _has_profile(layout, identifier):
         return np.zeros(shape, np.uint8)
     start = layout.blocks[identifier][0] + 2
     return np.ascontiguousarray(rows[:, start : start + cells * _PER_CELL[identifier]]).reshape(shape)
