@@ -143,4 +143,4 @@ def test_the_page_compares_findings_with_planted_causes(processed):
     assert all(below - above <= 1 for above, below in pairwise(levels))
     assert "2.0° (2.0–2.0)" in text  # the corrected headings' rms, with its interval
     within = f"{100 * np.mean(processed.sigma_deg * 1.959964 >= 2.0):.0f} %"
-    assert within in text and text.count("data:image/png") == 2 and lines[0].endswith("1 moorings beside the truth")
+    assert within in text and text.count("data:image/png") == 3 and lines[0].endswith("1 moorings beside the truth")
