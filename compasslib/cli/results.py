@@ -129,7 +129,7 @@ def explain(asked: Namespace) -> int:
         else:
             row = {key: str(value) for key, value in summary.summary_row(folder.name, folder).items()}
             read = read_mooring(folder.name, folder.parent, row)
-            facts, limits = sections.measures(read), sections.describe_limits(read.diagnosis)
+            facts, limits = words.facts("mooring", "measures", r=read), sections.describe_limits(read.diagnosis)
             section = replace(sections.mooring_section(read, folder.parent), facts=facts, limits=limits)
         lines = explanation_lines(section, folder)
     print("\n".join(lines))
@@ -148,7 +148,8 @@ def explanation_lines(section: ReportSection, folder: Path) -> list[str]:
     diagnosis = read_json(folder / "diagnosis.json") if (folder / "diagnosis.json").exists() else {}
     if diagnosis and (figure := folder / "figures/diagnosis.png").exists():
         lines += ["", f"Figure: {figure}", *_wrap([sections.diagnosis_caption(diagnosis)])]
-    tables = [(table.caption, [", ".join(map(" ".join, table.rows))]) for table in sections.limits_table(diagnosis)]
+    detectable = sections.table("diagnosis", "detectable", d=diagnosis)
+    tables = [(table.caption, [", ".join(map(" ".join, table.rows))]) for table in detectable]
     for title, sentences in (("Limits of this record", section.limits), *tables, ("Warnings", section.warnings)):
         lines += ["", title, *_wrap(sentences)] if sentences else []
     said = words.occurring(lines)

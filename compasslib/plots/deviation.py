@@ -269,7 +269,6 @@ def _shared_effect(axes: Axes, names: page.Rows, effect: Mapping[str, Any], k: i
         axes.errorbar(entry["values"][k], place[name], xerr=half, color=page.BLUE, marker="o", markersize=3, lw=1.0)
 
 
-STATISTICS = {"mean_deg": "mean", "median_absolute_deg": "median", "rms_deg": "rms"}  # degrees
 GROUPS = {
     "heading": ("instrument heading", f"Heading {page.MAGNETIC}"),
     "direction": ("current, all pairs", f"Towards {page.TRUE}"),
@@ -277,10 +276,10 @@ GROUPS = {
 }
 
 
-def draw_histograms(path: str | Path, counts: Mapping[str, Counts], assessment: Mapping[str, Any]) -> None:
-    """Draw histograms of headings, directions and held-out differences, from histograms.csv and assessment.json."""
-    with page.create(path, 5.9) as figure:
-        panels = figure.subplots(4, 1, height_ratios=(1.0, 1.0, 1.0, 0.7))
+def draw_histograms(path: str | Path, counts: Mapping[str, Counts]) -> None:
+    """Draw histograms of headings, directions and held-out differences, from histograms.csv."""
+    with page.create(path, 4.8) as figure:
+        panels = figure.subplots(3, 1)
         there: set[str] = set()
         for axes, (group, (title, label)) in zip(panels, GROUPS.items(), strict=False):
             known = {name.partition("_")[2]: n for name, n in counts.items() if name.startswith(group) and n.any()}
@@ -300,8 +299,7 @@ def draw_histograms(path: str | Path, counts: Mapping[str, Counts], assessment: 
             else:
                 page.empty(axes)
             there |= set(known)
-        figure.align_ylabels(panels[:3])
-        _write_statistics(panels[3], assessment)
+        figure.align_ylabels(panels)
         words = {"recorded": "recorded, before", "corrected": "corrected, after"}
         handles: list[Artist] = [
             page.line(text, color=page.COLOURS[name]) for name, text in words.items() if name in there
@@ -309,22 +307,3 @@ def draw_histograms(path: str | Path, counts: Mapping[str, Counts], assessment: 
         if "reference" in there:
             handles.append(Patch(color=page.REFERENCE, alpha=0.4, linewidth=0, label="reference"))
         page.legend(figure, handles, columns=3)
-
-
-def _write_statistics(axes: Axes, assessment: Mapping[str, Any]) -> None:
-    """Write a table of the differences before and after: pairs, mean, median magnitude, rms, with 95 % intervals."""
-    axes.set_axis_off()
-    axes.set(xticks=[], yticks=[])
-    columns = [(-0.02, "#444444", ["", "pairs", *STATISTICS.values()])]
-    for when, x in (("before", 0.15), ("after", 0.6)):
-        entry = assessment[when]
-        cells = [f"{when} (°)", str(entry["n"]), *(["–"] * len(STATISTICS) if not entry["n"] else [])]
-        for key in STATISTICS if entry["n"] else ():
-            values = (entry[key], *entry["interval_95"][key])
-            digits = 0 if max(map(abs, values)) >= 100.0 else 1  # so that two columns fit
-            middle, low, high = (page.signed(value, f".{digits}f") for value in values)
-            cells.append(f"{middle} ({low}, {high})")
-        columns.append((x, page.COLOURS[when], cells))
-    for x, colour, cells in columns:
-        for row, text in enumerate(cells):
-            axes.text(x, 1.0 - 0.2 * row, text, transform=axes.transAxes, color="#222222" if row else colour, va="top")

@@ -106,8 +106,8 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float, *,
     low, high = x - np.insert(reached, 0, edge), x + np.append(reached, edge)
     axes.bar(low, 2.0 * half, high - low, -half, align="edge", **NOISE)
     if hidden := len(curve["centre"]) - len(x):
-        told = f"{hidden} uncertain bin{'s' * (hidden > 1)} not shown"
-        axes.annotate(told, (1.0, 0.0), xycoords="axes fraction", ha="right", va="bottom", fontsize=6.5)
+        text = f"{hidden} uncertain bin{'s' * (hidden > 1)} not shown"
+        axes.annotate(text, (1.0, 0.0), xycoords="axes fraction", ha="right", va="bottom", fontsize=6.5)
     largest = max(float(np.max(np.abs(values))) for values in (before, after, half))
     axes.set_ylim(-1.1 * largest, 1.1 * largest)
     axes.axhline(0.0, color=page.GREY, linewidth=0.6)

@@ -84,9 +84,8 @@ No curve was fitted. {{ r.fit.why | sentence }}
     ),
     Figure(
         "histograms",
-        lambda path, m: plots.deviation.draw_histograms(path, m.histograms, m.assessment),
+        lambda path, m: plots.deviation.draw_histograms(path, m.histograms),
         "Histograms",
-        note="Bottom: mean, median size and rms of the difference from the reference, with 95 % intervals.",
         of_pairs=True,
     ),
     Figure(
@@ -198,24 +197,14 @@ COMPASS = (
     ),
 )
 CRUISE = (
-    Figure(
-        "map",
-        lambda path, m: plots.moorings.draw_map(path, m.array),
-        "Map",
-        "Positions of the moorings.",
-    ),
+    Figure("map", lambda path, m: plots.moorings.draw_map(path, m.array), "Map", "Positions of the moorings."),
     Figure(
         "array",
         lambda path, m: plots.moorings.draw_array(path, m.array),
         "The array",
-        "Water depth and nominal depths of the instruments.",
+        "Water depth and nominal depths.",
     ),
-    Figure(
-        "curves",
-        lambda path, m: plots.moorings.draw_curves(path, m.moorings),
-        "Deviations",
-        "Deviation of each compass by correct heading, where it can be inverted.",
-    ),
+    Figure("curves", lambda path, m: plots.moorings.draw_curves(path, m.moorings), "Deviations", "By correct heading."),
     Figure(
         "differences",
         lambda path, m: plots.moorings.draw_differences(path, m.moorings),

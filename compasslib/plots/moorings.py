@@ -10,7 +10,6 @@ from matplotlib import colormaps
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from compasslib import angles
 from compasslib.archive.gridded import DepthSeries
@@ -210,20 +209,20 @@ def draw_map(path: str | Path, moorings: Sequence[Mapping[str, Any]]) -> None:
     """Draw the positions from above, given by name, latitude and longitude; if many lie close together, these again."""
     north, east = (np.array([mooring[key] for mooring in moorings]) for key in ("latitude", "longitude"))
     names = [str(mooring["name"]) if len(moorings) <= NAMED else "" for mooring in moorings]
-    if names:
-        east = (middle := float(angles.mean(east))) + angles.difference(east, middle)  # one side of the date line
-    away = np.maximum(np.abs(north - np.median(north)), np.abs(east - np.median(east))) if names else north
-    close = away < 0.1 * away.max(initial=0.0)
-    several = close.sum() > 2 and any(names)
+    if not names:
+        with page.create(path, 1.5, width_in=page.WIDE_IN) as figure:
+            page.empty(figure.subplots())
+        return
+    middle = float(angles.wrap180(angles.mean(east)))
+    east = middle + angles.difference(east, middle)  # one side of the date line
+    away = np.maximum(np.abs(north - np.median(north)), np.abs(east - np.median(east)))
+    close = np.flatnonzero(away < 0.1 * away.max())
+    several = len(close) > 2 and any(names)
     with page.create(path, 3.8, width_in=page.WIDE_IN) as figure:
         panels = figure.subplots(1, 1 + several, squeeze=False)[0]
-        if not names:
-            page.empty(*panels)
-            return
         if several:
-            _draw_positions(panels[1], north[close], east[close], [names[k] for k in np.flatnonzero(close)])
-            for k in np.flatnonzero(close):
-                names[k] = "(b)" if k == np.argmax(close) else ""
+            _draw_positions(panels[1], north[close], east[close], [names[k] for k in close])
+            names = [("(b)" if k == close[0] else "") if k in close else name for k, name in enumerate(names)]
         _draw_positions(panels[0], north, east, names)
 
 
@@ -236,27 +235,20 @@ def _draw_positions(axes: Axes, north: Floats, east: Floats, names: Sequence[str
     (left, bottom), (right, top) = middle - half, middle + half
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect=1.0 / narrow)
     axes.plot(east, north, linestyle="", marker="o", markersize=3.0, color=page.VERMILION)
-    beside = axes.inset_axes((1.0, 0.0, 0.05, 1.0))
-    beside.set_axis_off()
+    margin = axes.inset_axes((1.0, 0.0, 0.05, 1.0))
+    margin.set_axis_off()
     named = [k for k in np.argsort(-north) if names[k]]
     look: dict[str, Any] = {"va": "center", "xycoords": axes.transData, "textcoords": "axes fraction"}
     look["arrowprops"] = {"arrowstyle": "-", "color": page.GREY, "linewidth": 0.5, "relpos": (0.0, 0.5)}
     for row, k in enumerate(named):
-        beside.annotate(names[k], (east[k], north[k]), (1.0, 1.0 - (row + 0.5) / len(named)), **look)
+        margin.annotate(names[k], (east[k], north[k]), (1.0, 1.0 - (row + 0.5) / len(named)), **look)
     degree_km = 111.2 * narrow
     scale_km = round_down(degree_km * half[0])
     bar: dict[str, Any] = {"color": page.BLACK, "linewidth": 4.0, "solid_capstyle": "butt", "clip_on": False}
     axes.plot([right - scale_km / degree_km, right], [top, top], **bar)
     axes.set_title(f"{scale_km:g} km", loc="right")
-    for axis, (plus, minus) in ((axes.xaxis, "EW"), (axes.yaxis, "NS")):
-        axis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-        axis.set_major_formatter(FuncFormatter(lambda x, _, plus=plus, minus=minus: _coordinate(x, plus, minus)))
-    axes.grid(alpha=0.3, linewidth=0.5)
-
-
-def _coordinate(value_deg: float, plus: str, minus: str) -> str:
-    turned = round(float(angles.wrap180(value_deg)), 6)
-    return f"{abs(turned):g}° {plus if turned >= 0.0 else minus}"
+    axes.locator_params(nbins=4, steps=[1, 2, 5, 10])
+    axes.set(xlabel="Longitude (° E)", ylabel="Latitude (° N)")
 
 
 def draw_array(path: str | Path, moorings: Sequence[Mapping[str, Any]]) -> None:

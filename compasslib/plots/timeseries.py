@@ -266,14 +266,11 @@ def _draw_rose(axes: PolarAxes, series: Mapping[str, Floats]) -> None:
     axes.grid(linewidth=0.4)
 
 
-MOST_DEPTHS = 100  # of a panel: two pixels of a print each
-
-
-def draw_section(path: str | Path, section: SectionMeans) -> None:
+def draw_section(path: str | Path, section: SectionMeans, *, most_depths: int = 100) -> None:
     """Draw velocity by time and depth before and after correction, the difference, and the uncertainty of direction.
 
-    Depths above and below those that were measured a tenth as often as any are left out; more than ``MOST_DEPTHS`` are
-    averaged, as a profiler leaves many of them out in each profile.
+    Depths above and below those that were measured a tenth as often as any are left out; more than ``most_depths`` are
+    averaged, as a profiler leaves many of them out in each profile, and a print shows no more.
     """
     by_reference, depth_m = np.nan_to_num(section.reference_share) >= 0.5, section.depth_m
     after = section.after.copy()
@@ -295,7 +292,7 @@ def draw_section(path: str | Path, section: SectionMeans) -> None:
             often = np.isfinite(values).sum(axis=0)
             shown = np.flatnonzero(often >= max(0.1 * often.max(initial=0), 1))
             top, bottom = (shown[0], shown[-1] + 1) if shown.size else (0, len(depth_m))
-            begin = np.arange(top, bottom, -(-(bottom - top) // MOST_DEPTHS))
+            begin = np.arange(top, bottom, -(-(bottom - top) // most_depths))
             known = np.isfinite(values[:, :bottom])
             with np.errstate(invalid="ignore"):  # NaN where there are none
                 means = np.add.reduceat(np.where(known, values[:, :bottom], 0.0), begin, axis=1)

@@ -44,14 +44,6 @@ from compasslib.report.sections import (
     stopped_section,
 )
 
-MOORINGS = (
-    "All moorings; σ: median standard uncertainty of the headings; error removed: rms of their correction; rms: of the "
-    "current's direction minus the reference's, mostly water and noise"
-)
-TABLES = {
-    "deployment": "Deployments; instruments with format and nominal depth",
-    "coefficient": "Coefficients of the compasses ± 1σ, dimensionless for the exact compass",
-}
 MAX_SECTIONS = 50  # above which figures are not embedded; a thousand moorings would need 400 MB
 REPORT, STYLE = Path(__file__).resolve().parent, "templates/style.css"
 NONE_STOPPED: Mapping[str, Mapping[str, str]] = {"moorings": {}, "calibrations": {}}
@@ -69,7 +61,6 @@ class Report:
     software: str
     date: str
     figures: tuple[ReportFigure, ...] = ()  # figures of all moorings together
-    small: bool = False  # whether there are too many sections for embedded figures
     concealed: tuple[str, ...] = ()  # moorings whose errors the processing was not told
     tables: tuple[ReportTable, ...] = ()  # deployments, and coefficients of the compasses
     notes: tuple[tuple[str, str], ...] = ()  # how the figures of moorings are read, by title
@@ -112,12 +103,12 @@ def gather(
     def with_figures(section: ReportSection) -> ReportSection:
         return section if small else replace(section, figures=embed(section.figures, root))
 
-    headers = {part: words.cells(part, "overview")[0] for part in ("mooring", "calibration", "compass")}
+    titles = {part: words.cells(part, "overview") for part in ("mooring", "calibration", "compass")}  # caption, header
     sections, others = (
-        [stopped_section(part, name, why, headers[part]) for name, why in stopped[f"{part}s"].items()]
+        [stopped_section(part, name, why, titles[part][1]) for name, why in stopped[f"{part}s"].items()]
         for part in ("mooring", "calibration")
     )
-    missing, tables = dict[str, None](), {part: words.cells("mooring", part) for part in TABLES}
+    missing, tables = dict[str, None](), {part: words.cells("mooring", part) for part in ("deployment", "coefficient")}
     for name in (name for name in moorings if name not in stopped["moorings"]):  # the record of each is in memory
         results = read_mooring(name, root, rows[name])
         sections.append(with_figures(mooring_section(results, root)))
@@ -130,16 +121,13 @@ def gather(
     return Report(
         title=title("Compass deviations corrected", attributes.get("project")),
         attributes=tuple((words.plain(name), str(value)) for name, value in attributes.items()),
-        moorings=Overview(MOORINGS, headers["mooring"], sections),
-        calibrations=Overview("All calibrations", headers["calibration"], others),
-        compasses=Overview("All compasses that several records share", headers["compass"], shared),
+        moorings=Overview(titles["mooring"][0][0], titles["mooring"][1], sections),
+        calibrations=Overview(titles["calibration"][0][0], titles["calibration"][1], others),
+        compasses=Overview(titles["compass"][0][0], titles["compass"][1], shared),
         software=provenance.software(),
         date=provenance.date_created(),
         figures=together,
-        small=small,
-        tables=tuple(
-            ReportTable(TABLES[part], header, tuple(lines)) for part, (header, *lines) in tables.items() if lines
-        ),
+        tables=tuple(ReportTable(title[0], header, tuple(rows)) for title, header, *rows in tables.values() if rows),
         concealed=tuple(name for name in moorings if (root.parent / f"concealed/{name}.json").exists()),
         notes=tuple((row.title, row.note) for row in (*MOORING, *SECTIONS) if row.note and moorings),
         missing=tuple(missing),

@@ -355,11 +355,6 @@ def describe_limits(diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
     return words.paragraphs("diagnosis", "limits", d=diagnosis, untested=untested)
 
 
-def limits_table(diagnosis: Mapping[str, Any]) -> tuple[ReportTable, ...]:
-    """Tabulate the detection limits, smallest first; without limits there is no table."""
-    return table("diagnosis", "detectable", d=diagnosis)
-
-
 def diagnosis_caption(diagnosis: Mapping[str, Any]) -> str:
     """Compose the caption of the figure of a diagnosis."""
     from compasslib.plots.diagnosis import count_outside  # only here: it takes the plotting library along
@@ -410,11 +405,6 @@ def summary_sentences(results: MooringResults) -> tuple[str, ...]:
     return words.paragraphs("mooring", "summary", r=results, findings=findings)
 
 
-def measures(results: MooringResults) -> tuple[tuple[str, str], ...]:
-    """List method, number of corrected samples, uncertainty, possible readings and agreement with the reference."""
-    return words.facts("mooring", "measures", r=results)
-
-
 def calibration_section(results: CalibrationResults, root: Path) -> ReportSection:
     """Compose one calibration's section."""
     content, diagnosis = results.content, results.diagnosis
@@ -422,7 +412,7 @@ def calibration_section(results: CalibrationResults, root: Path) -> ReportSectio
     tables = [each for name in TABLES for each in table("calibration", name, c=content)]
     limits = words.paragraphs("calibration", "limits", c=content)
     if diagnosis:
-        tables += [*limits_table(diagnosis), *table("diagnosis", "hypotheses", d=diagnosis)]
+        tables += [each for name in ("detectable", "hypotheses") for each in table("diagnosis", name, d=diagnosis)]
         limits += describe_limits(diagnosis)
     figures = collect_figures(results.folder, root, ["calibration"], c=content, d=diagnosis, about=diagnosis_caption)
     return ReportSection(

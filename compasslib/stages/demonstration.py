@@ -198,7 +198,8 @@ def concealed(files: Files, say: Say) -> None:
     real.append(read_json(FOLDER / "storm.json"))
     rows = count_named(real, stored["moorings"], moorings)
     content = {"rows": rows, "real": real, "stored": stored, "moorings": moorings}
-    write_page(files.page, "concealed.html", **content, software=provenance.software())
+    content |= {"software": provenance.software(), "definitions": words.definitions()}
+    write_page(files.page, "concealed.html", **content)
     say(f"{files.page}: {len(moorings)} moorings beside the truth")
 
 

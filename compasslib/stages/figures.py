@@ -33,7 +33,6 @@ def figures(mooring: str, files: Files, say: Say) -> None:
         product=corrected,
         fit=products.from_json(read_json(files.deviation)).fit,
         diagnosis=read_json(files.diagnosis),
-        assessment=read_json(files.assessment),
         histograms=summary.read_histograms(files.histograms),
     )
     _draw("mooring", mooring, files, data, say)

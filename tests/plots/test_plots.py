@@ -65,7 +65,7 @@ class Mooring:
             counts = build_histograms(
                 product.record, product.heading_corrected_deg, pairs, content["difference_counts"]
             )
-            deviation.draw_histograms(path, counts, content)
+            deviation.draw_histograms(path, counts)
         else:
             time_s = product.record.time_s
             velocities = (product.east_recorded + 1j * product.north_recorded, product.east + 1j * product.north)

@@ -236,7 +236,6 @@ rule figures:
     input:
         diagnosis="results/{mooring}/diagnosis.json",
         deviation="results/{mooring}/deviation.json",
-        assessment="results/{mooring}/assessment.json",
         pairs="results/{mooring}/overlap.nc",
         histograms="results/{mooring}/histograms.csv",
         product="results/{mooring}/corrected.nc",
