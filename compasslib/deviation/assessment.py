@@ -61,11 +61,7 @@ def _block_length(time_s: Floats) -> float:
 
 @single_threaded()
 def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = None) -> dict[str, Any]:
-    """Compose assessment.json: direction differences, upper minus lower, before and after correction, and currents.
-
-    ``plain`` are the pairs without the effects on the compass beyond the fit, which are estimated from the whole
-    record.
-    """
+    """Compose assessment.json; ``plain`` are the pairs without the effects beyond the fit, which were not held out."""
     plain = pairs if plain is None else plain
     held_out = held_out_headings(plain, fit) if fit.fitted and len(pairs) else np.full(len(pairs), np.nan)
     known = np.isfinite(held_out)

@@ -67,10 +67,8 @@ def fit_exact(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
 
 
 def constant_sigmas(pairs: Pairs, fit: DeviationFit) -> float:
-    """Compute by how many standard errors pairs prefer the constant of a fit to any iron without a constant.
-
-    Where few headings occur, A is nearly collinear with B and C: the covariance about one solution lacks the others.
-    """
+    """Compute by how many standard errors pairs prefer the constant of a fit to any iron without a constant."""
+    # Where few headings occur, A is nearly collinear with B and C: the covariance about one solution lacks the others.
     overlap = _overlap(pairs)
     without = _refined(_start(overlap, EXACT, WITHOUT_CONSTANT), overlap, priors=WITHOUT_CONSTANT)
     own, other = (
@@ -335,10 +333,8 @@ def reference_response(fit: DeviationFit, pairs: Pairs, priors: Priors) -> Float
 
 
 def pairs_per_independent(pairs: Pairs, effective: float) -> float:
-    """Estimate the number of pairs per independent pair, of which five determine the coefficients.
-
-    At most four pairs a day are independent, and one a layer of 20 m: in days the slow veer is absorbed in its mean.
-    """
+    """Estimate the number of pairs per independent pair, of which five determine the coefficients."""
+    # At most four pairs a day, and one a layer of 20 m: in days the slow veer is absorbed in its mean.
     apart = 4.0 * float(np.ptp(pairs.time_s)) / DAY_S + float(np.ptp(pairs.upper_depth_m)) / 20.0
     return len(pairs) / max(min(effective, apart) - 5.0, 3.0)
 

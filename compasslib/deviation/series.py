@@ -60,10 +60,7 @@ def fit_series(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
 
 
 def fit_series_about_mean(pairs: Pairs) -> Floats:
-    """Fit the series to deviations unwrapped about their mean, as in a plot, (5,) degrees.
-
-    See von Appen 2015, Figs 6 and 7. ``fit_series`` minimizes wrapped residuals, which admits curves of any amplitude.
-    """
+    """Fit the series to deviations unwrapped about their mean, as in von Appen's Figs 6 and 7, (5,) degrees."""
     heading, deviation = model.observed_heading(pairs), model.observed_deviation(pairs)
     middle = angles.wrap180(angles.mean(deviation))
     return np.linalg.lstsq(series_design(heading), middle + angles.difference(deviation, middle))[0]

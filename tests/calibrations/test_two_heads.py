@@ -188,7 +188,7 @@ def test_rotated_heading_is_that_of_the_tilted_body():
     wanted, pitch_b, roll_b = package.mounted(heading, (pitch, roll), (65.0, 4.0, -6.0))
     lean_a, lean_b = heads_motion.lean(pitch, roll), heads_motion.lean(pitch_b, roll_b)
     frame = heads.fit_frame(np.arange(50.0), lean_a, lean_b)
-    assert frame.rms_deg < 1e-5
+    assert frame.residual_rms_deg < 1e-5
     for rotation in (frame.rotation, heads.upright(65.0, lean_a, lean_b)):
         turned = heads.turned_heading(heading, lean_a, rotation)
         off = angles.difference(turned, wanted)

@@ -182,16 +182,11 @@ def diagnose(
     field: EarthField,
     options: Options | None = None,
     *,
-    wide: Pairs | None = None,
+    wide: Pairs | None = None,  # with a wider depth limit, for comparing the clocks
     units: Mapping[str, str] | None = None,
     shared: comparison.SharedInformation | None = None,
 ) -> Diagnosis:
-    """Diagnose a mooring's overlap against its fitted compass.
-
-    Args:
-        logged: other series at the times of the pairs, (n,) each, with their ``units`` if not defined here.
-        wide: pairs with a wider depth limit, for comparing the clocks; default ``pairs``.
-    """
+    """Diagnose a mooring's overlap and other series at its times, (n,) each, against its fitted compass."""
     options = options or Options()
     wide = pairs if wide is None else wide
     searched = slice(None, None, 1 + len(pairs) // MOST_PAIRS)
