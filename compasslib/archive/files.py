@@ -225,7 +225,7 @@ class StoredVariable:
     def ndim(self) -> int:
         return len(self.shape)
 
-    def __array__(self, dtype: DTypeLike = None, copy: bool | None = None) -> NDArray[Any]:
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         return np.asarray(self[:], dtype)
 
     def __getitem__(self, which: slice | NDArray[np.intp], /) -> NDArray[Any]:

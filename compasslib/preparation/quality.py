@@ -245,7 +245,15 @@ def _flag_read(record: Record, least: float) -> Record:
         tests = np.zeros(flagged.shape, dtype=np.int32)
         tests[flagged] = MASKS["low_percent_good" if "percent_good" in record.profiles else "flagged_in_file"]
         return replace(record, tests=tests)
-    percent = _percent_good(record)
+    percent = np.asarray(record.profiles["percent_good"][:], dtype=float)
+    if percent.ndim == 3 and percent.shape[2] != 4:
+        percent = percent.min(axis=2)
+    elif percent.ndim == 3 and record.recorded_in != "beam":
+        percent = percent[..., 0] + percent[..., 3]  # the three- and four-beam solutions
+    elif percent.ndim == 3:
+        ordered = np.sort(percent, axis=2)
+        error = np.asarray(record.profiles.get("error_velocity", percent[..., 0])[:])
+        percent = np.where(np.isnan(error), ordered[..., 1], ordered[..., 0])  # of three beams the second lowest
     allowed = flagged & (percent >= least) & (percent < LEAST_PERCENT_GOOD)
     quality = np.where(allowed, GOOD, record.quality).astype(np.int8)
     tests = np.where(flagged & ~allowed, MASKS["low_percent_good"], np.int32(0))

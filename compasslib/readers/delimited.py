@@ -10,8 +10,9 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import reduce
 from itertools import product
 from pathlib import Path
 from types import MappingProxyType
@@ -21,7 +22,7 @@ import numpy as np
 
 from compasslib.errors import InputError
 from compasslib.readers import times, vocabulary
-from compasslib.readers.cells import MISSING_TEXT, NUMBER, parse_numbers
+from compasslib.readers.cells import BLANKS, MISSING_TEXT, NUMBER, Column, Rows, parse_numbers, split_rows
 from compasslib.readers.files import read_text
 from compasslib.records import NOT_CHECKED, PROBABLY_BAD
 from compasslib.types import Floats
@@ -39,7 +40,7 @@ HEAD_LINES = 1000  # searched for the header
 NUMBER_STARTS = tuple("+-.0123456789")
 COMMENT_MARKS = ("#", "%")  # at the beginning of lines without data
 QUOTES = " \t=\"'"  # stripped around headers and times: left by repeated export, or ="..."
-BLANKS = " \t"
+APART = "\x1f"  # stands between cells that were quoted
 Header = str | int | Sequence[str | int]  # name or number of a column; several are the parts of a time
 _ONLY_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+", re.ASCII)
 _APART = re.compile(r"\d +[-+.\d]")
@@ -88,11 +89,13 @@ DEFAULT_LAYOUT = Layout()
 class Head:
     """Header of a table, and its first lines."""
 
-    lines: list[str]  # of the whole file
+    source: bytes  # the whole text in UTF-8, all lines terminated by line feeds
     names: list[str]  # of the columns; NAME.2 for the second of a name, 1, 2, ... without a header
     line: int  # index of the first line below the header
+    begin: int  # its byte offset
     delimiter: str = ""
     notes: tuple[str, ...] = ()  # detected format, in words
+    text: str = ""  # header line
     clock: int | None = None  # index of a column without a name that continues the time before it
     ended: bool = True  # whether the last line was terminated
     sample: list[list[str]] = field(default_factory=list)  # cells of the first rows
@@ -126,13 +129,17 @@ def read_table(
             become ``time``, ``flag`` and ``flag_ROLE`` hold quality flags, which ``meanings`` interprets.
         advice: for a missing column.
         carried: roles whose empty cells repeat the cell above.
+
+    Raises:
+        InputError: the file or a column is missing, or a time or number is unreadable or ambiguous.
     """
     named = {role: [header] if isinstance(header, str | int) else [*header] for role, header in headers.items()}
     head = read_head(path, [header for each in named.values() for header in each], layout)
     places = {role: [_place(path, head, role, header, advice) for header in each] for role, each in named.items()}
-    wanted = sorted({place for each in places.values() for place in each})
-    body = open_body(path, head, layout, skip=_count_units(head, wanted, head.sample))
-    written = unit_lines(head, wanted)
+    wanted = {place for each in places.values() for place in each}
+    units = _count_units(head, sorted(wanted), head.sample)
+    body = open_body(path, head, wanted, layout, skip=units)
+    written = unit_lines(head, sorted(wanted))
     said = {
         role: tuple(row[place].strip() for place in each for row in (head.names, *written))
         for role, each in places.items()
@@ -152,7 +159,7 @@ def read_table(
     twice = {header for each in named.values() for header in each if f"{header}.2" in head.names}
     notes += [f"the first of the columns {name}, of which {name}.2 is the second" for name in sorted(twice)]
     read = [f"the table was read as it is written: {', '.join(notes)}"] if notes else []
-    return Table(columns | numbers, len(body.rows), body.cut, said, (*read, *unknown))
+    return Table(columns | numbers, len(body.rows.width), body.cut, said, (*read, *unknown))
 
 
 def date_and_clock(headers: Mapping[str, str], withheld: Collection[str] = ()) -> dict[str, str]:
@@ -168,7 +175,11 @@ def table_notes(tables: Iterable[Table]) -> tuple[str, ...]:
 
 
 def read_head(path: Path, needed: Iterable[str | int], layout: Layout = DEFAULT_LAYOUT) -> Head:
-    """Read the header of a table, the first line with all the names that are needed, else the first line of all."""
+    """Read the header of a table, the first line with all the names that are needed, else the first line of all.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
     needed = [*needed]
     wanted = {name for name in needed if isinstance(name, str)}
     if needed and not wanted and layout.header is None:
@@ -186,10 +197,16 @@ def find_head(
     delimiters: Iterable[str] = DELIMITERS,
     must: bool = False,
 ) -> Head | None:
-    """Locate the header by a predicate of its names; if no line fits, it is the first, or None if one ``must``."""
-    text, notes, ended = read_text(path)
-    skipped, every = layout.skip_rows or 0, text.split("\n")[:-1]
-    lines = every[: skipped + HEAD_LINES]
+    """Locate the header by a predicate of its column names; if no line fits, it is the first, or None if one ``must``.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    source, notes, ended = read_text(path)
+    end, skipped = 0, layout.skip_rows or 0
+    for _ in range(skipped + HEAD_LINES):
+        end = source.find(b"\n", end) + 1 or len(source)
+    lines = source[:end].decode(errors="replace").split("\n")[:-1]
     filled = [k for k in range(min(skipped, len(lines)), len(lines)) if lines[k].strip(" \t\r\n,;")]
     rows = [k for k in filled if not layout.is_comment(lines[k])]
     candidates = [layout.delimiter] if layout.delimiter else [*delimiters]
@@ -201,7 +218,7 @@ def find_head(
     delimiter = delimiter or next((each for each in candidates if _parts(line.strip(), each)), " ")
     names = layout.split_header(line, delimiter) if line else []
     if layout.header == 0:
-        names, at = [str(k) for k in range(1, len(names) + 1)], at - 1
+        names, at, line = [str(k) for k in range(1, len(names) + 1)], at - 1, ""
     if delimiter != "," and layout.delimiter is None:
         notes.append(f"cells between {DELIMITERS.get(delimiter)}")
     if layout.header is None and (above := sum(k < at for k in rows)):
@@ -212,11 +229,12 @@ def find_head(
         clock = next((k for k, cell in enumerate(sample[0]) if k and ":" in cell), None)
         names = names if clock is None else [*names[:clock], "", *names[clock:]]
     names = _number_repeated(names)
+    begin = sum(len(line.encode()) + 1 for line in lines[: at + 1])
     first = next((k for k in rows if k > at), at)
     marks = " " + (layout.comment or "".join(COMMENT_MARKS))
     below = [lines[k].lstrip(marks).rstrip(" \r") for k in filled if at < k < first]
     remarks = [split_line(line, delimiter) for line in below]
-    return Head(every, names, at + 1, delimiter, tuple(notes), clock, ended, sample, remarks)
+    return Head(source, names, at + 1, begin, delimiter, tuple(notes), line, clock, ended, sample, remarks)
 
 
 def _number_repeated(names: Sequence[str]) -> list[str]:
@@ -298,27 +316,41 @@ def _count_units(head: Head, wanted: Sequence[int], rows: Sequence[Sequence[str]
     return count
 
 
-def open_body(path: Path, head: Head, layout: Layout = DEFAULT_LAYOUT, *, skip: int = 0) -> Body:
-    """Split the rows below the header, without the first ones to skip, into cells."""
-    n, cut = len(head.names), 0
-    numbered, around = enumerate(head.lines[head.line :], head.line + 1), f'{BLANKS}{head.delimiter}"'
-    filled = [(number, line) for number, line in numbered if line.strip(around) and not layout.is_comment(line)]
-    rows = [(number, split_line(line, head.delimiter)) for number, line in filled][skip:]
-    if torn := next((k for k, line in enumerate(head.lines[head.line :], head.line + 1) if line.count('"') % 2), None):
-        expected, shown = "cells that end in their line", "a quotation mark that is not closed"
-        raise InputError(f"{path}: line {torn}", expected=expected, found=shown, advice=MEND)
-    if not head.ended and rows:
+def open_body(
+    path: Path, head: Head, wanted: Collection[int], layout: Layout = DEFAULT_LAYOUT, *, skip: int = 0
+) -> Body:
+    """Split the rows below the header, without the first ones to skip, into the wanted columns.
+
+    Raises:
+        InputError: a line has more cells than the header, or a quotation mark is not closed.
+    """
+    source, begin, delimiter, n = head.source, head.begin, head.delimiter, len(head.names)
+    if source.find(b'"', begin) >= 0:  # write the rows without quotation marks, with a separator that no cell holds
+        lines = source[begin:].decode(errors="replace").split("\n")[:-1]
+        if torn := next((k for k, line in enumerate(lines, head.line + 1) if line.count('"') % 2), None):
+            expected, shown = "cells that end in their line", "a quotation mark that is not closed"
+            raise InputError(f"{path}: line {torn}", expected=expected, found=shown, advice=MEND)
+        source = "".join(f"{APART.join(split_line(line, delimiter))}\n" for line in lines).encode()
+        begin, delimiter = 0, APART
+    rows = split_rows(source, begin, delimiter, sorted({*wanted, *([head.clock] if head.clock else [])}))
+    content = rows.lines.strip(BLANKS + delimiter.encode())
+    keep = content.begin < content.end
+    marked = keep & np.isin(content.data[content.begin], [ord(mark[0]) for mark in (layout.comment or COMMENT_MARKS)])
+    keep[marked] = [not layout.is_comment(line) for line in rows.lines[marked]]
+    rows, cut, by = rows[keep][skip:], 0, None if delimiter == " " else delimiter
+    if not head.ended and len(rows.lines):
         # The last line is truncated if it lacks cells, or its last cell has fewer decimals than any other.
-        last = [cells for _, cells in rows[-HEAD_LINES:]]
+        last = [line.split(by) for line in rows.lines[-HEAD_LINES:]]
         decimals = [len(row[-1].strip().replace(",", ".").partition(".")[2]) for row in last if row[-1].strip()]
         cut = int(len(last[-1]) < n or not last[-1][-1].strip() or decimals[-1] < min(decimals[:-1], default=0))
-    rows = rows[: len(rows) - cut]
-    long = [(number, cells) for number, cells in rows if len(cells) > n]
-    if overfull := next(((number, len(cells)) for number, cells in long if any(map(str.strip, cells[n:]))), None):
-        where, shown = f"{path}: line {overfull[0]}", f"a line of {overfull[1]} cells"
-        advice = "correct delimiter" if len(long) == len(rows) > 1 else MEND
-        raise InputError(where, expected=f"{n} cells as in the header", found=shown, advice=advice)
-    return Body(path, head, [cells for _, cells in rows], [number for number, _ in rows], layout, cut)
+    rows = rows[: len(rows.lines) - cut]
+    long = np.flatnonzero(rows.width > n)
+    for row, line in zip(long, rows.lines[long], strict=True):
+        if any(map(str.strip, line.split(by)[n:])):
+            where, shown = f"{path}: line {head.line + rows.number[row] + 1}", f"a line of {rows.width[row]} cells"
+            advice = "correct delimiter" if len(long) == len(rows.lines) > 1 else MEND
+            raise InputError(where, expected=f"{n} cells as in the header", found=shown, advice=advice)
+    return Body(path, head, rows, layout, cut)
 
 
 @dataclass(frozen=True)
@@ -327,50 +359,47 @@ class Body:
 
     path: Path
     head: Head
-    rows: list[list[str]]  # cells
-    line_numbers: list[int]  # of the rows, from 1
+    rows: Rows
     layout: Layout
     cut: int  # number of truncated last lines dropped
 
-    def column(self, place: int, expected: str = NUMBER_FORM) -> list[str]:
+    def column(self, place: int, expected: str = NUMBER_FORM) -> Column:
         """Select the cells of a column, which every row must have."""
-        short = next((k for k, row in enumerate(self.rows) if len(row) <= place), None)
-        if short is not None:
-            raise self.error(short, place, expected, f"a line of {len(self.rows[short])} cells")
-        return [row[place].strip(BLANKS) for row in self.rows]
+        if (short := np.flatnonzero(self.rows.width <= place)).size:
+            raise self.error(int(short[0]), place, expected, f"a line of {self.rows.width[short[0]]} cells")
+        return self.rows.columns[place].strip(BLANKS)
 
     def error(self, row: int | None, place: int, expected: str, shown: str, advice: str = MEND) -> InputError:
         """Create the error for a cell, or for a column."""
-        line = "" if row is None else f"line {self.line_numbers[row]}, "
+        line = "" if row is None else f"line {self.head.line + self.rows.number[row] + 1}, "
         where = f"{self.path}: {line}{self.head.names[place]}"
         return InputError(where, expected=expected, found=shown, advice=advice)
 
     def times(self, places: Mapping[str, Sequence[int]], carried: Collection[str]) -> tuple[dict[str, Floats], str]:
         """Parse the time columns by role, with date and clock or parts combined, and describe the detected format."""
         layout, columns, note = self.layout, dict[str, Floats](), ""
-        around = "".join({*QUOTES} - {*(layout.time_format or "")})  # never characters of the format itself
+        around = "".join({*QUOTES} - {*(layout.time_format or "")}).encode()  # never characters of the format itself
         if apart := {*DATE_AND_CLOCK} <= {*places}:
             places = {"time": [places[role][0] for role in DATE_AND_CLOCK]}
         for role, several in places.items():
             if len(several) > 1 and not apart:
-                numbers = self.numbers({str(place): place for place in several})[0]
-                columns[role], row = times.from_parts([*numbers.values()])
+                parts = self.numbers({str(place): place for place in several})[0]
+                columns[role], row = times.from_parts([*parts.values()])
                 if row is not None:
-                    shown = " ".join(self.column(place)[row] for place in several)
+                    shown = " ".join(self.column(place).text(row) for place in several)
                     expected = "year and day of the year, or year, month, day and so on"
                     raise self.error(row, several[0], expected, shown)
                 columns[role] -= times.parse_zone(layout.timezone)
                 continue
             if self.head.clock == several[0] + 1:
                 several = [several[0], self.head.clock]
-            parts = ([cell.strip(around) for cell in self.column(place, times.TIME_FORM)] for place in several)
-            texts = [" ".join(cells) for cells in zip(*parts, strict=True)]
+            column = reduce(Column.joined, [self.column(place, times.TIME_FORM).strip(around) for place in several])
             if role in carried:
-                for row in range(1, len(texts)):
-                    texts[row] = texts[row] or texts[row - 1]
+                filled = np.where(column.begin < column.end, np.arange(len(column)), 0)
+                column = column[np.maximum.accumulate(filled)]
             try:
                 columns[role], note = times.parse_times(
-                    texts, form=layout.time_format, zone=layout.timezone, decimal=layout.decimal
+                    column, form=layout.time_format, zone=layout.timezone, decimal=layout.decimal
                 )
             except times.Unreadable as error:
                 advice = JOIN if _PART.fullmatch(self.head.names[several[0]]) else error.advice
@@ -381,7 +410,7 @@ class Body:
 
     def flags(self, place: int, meanings: Mapping[str, int]) -> tuple[Floats, list[str]]:
         """Convert words or values of quality flags to those of OceanSITES, and warn of unknown ones."""
-        texts = self.column(place)
+        texts = [*self.column(place)]
         counts = Counter(texts)
         known = {cell: NOT_CHECKED if not cell else vocabulary.flag_of(cell, cell, meanings) for cell in counts}
         codes = {cell: PROBABLY_BAD if flag is None else flag for cell, flag in known.items()}
@@ -395,33 +424,28 @@ class Body:
         layout = self.layout
         cells = {role: self.column(place) for role, place in places.items()}
         parsed = {role: parse_numbers(column, layout.decimal, layout.missing) for role, column in cells.items()}
-        commas = [] if layout.decimal else [*_marked(cells, ",")]
-        if commas:
-            point = next(_marked(cells, "."), None)
-            if point or all(_ONLY_THOUSANDS.fullmatch(cells[role][row]) for role, row in commas):
-                role, row = commas[0]
-                also = f" beside {cells[point[0]][point[1]]!r}" if point else ", which may be thousands"
+        points, commas = (
+            [(role, int(np.argmax(marks == mark))) for role, (_, marks) in parsed.items() if (marks == mark).any()]
+            for mark in b".,"
+        )
+        if commas and not layout.decimal:
+            at_comma = (text for role, _ in commas for text in cells[role][parsed[role][1] == ord(",")])
+            if points or all(map(_ONLY_THOUSANDS.fullmatch, at_comma)):
+                (role, row), pointed = commas[0], [cells[role].text(row) for role, row in points[:1]]
+                also = f" beside {pointed[0]!r}" if pointed else ", which may be thousands"
                 raise InputError(
                     f"{self.path}: column {self.head.names[places[role]]!r}",
                     expected="numbers with decimals behind points",
-                    found=repr(cells[role][row]) + also,
+                    found=repr(cells[role].text(row)) + also,
                     advice="write decimal: comma or decimal: point",
                 )
-        for role, values in parsed.items():
+        for role, (values, _) in parsed.items():
             if (wrong := np.isinf(values)).any():
                 row = int(np.argmax(wrong))
-                cell = cells[role][row]
+                cell = cells[role].text(row)
                 is_word = NUMBER.fullmatch(cell) or not any(map(str.isdigit, cell))  # may stand for a missing value
                 advice = f"{MEND}, or write missing: [{cell!r}]" if is_word and len(cell) <= 20 else MEND
                 advice = "correct decimal" if layout.decimal else advice
                 advice = f"between blanks {APART_TIMES}" if _CLOCK.match(cell) else advice
                 raise self.error(row, places[role], NUMBER_FORM, repr(cell), advice)
-        return parsed, bool(commas)
-
-
-def _marked(cells: Mapping[str, Sequence[str]], mark: str) -> Iterator[tuple[str, int]]:
-    """Yield role and row of the numbers with a decimal mark."""
-    for role, column in cells.items():
-        for row, cell in enumerate(column):
-            if mark in cell and NUMBER.fullmatch(cell.replace(mark, ".")):
-                yield role, row
+        return {role: values for role, (values, _) in parsed.items()}, bool(commas) and not layout.decimal

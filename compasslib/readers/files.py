@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from compasslib.errors import InputError
 
 MEGABYTE = 1 << 20
-LARGEST_TEXT = 256 * MEGABYTE  # of one file, decompressed; parsing takes some 25 times as much memory
+LARGEST_TEXT = 256 * MEGABYTE  # of one file, decompressed; parsing takes some 19 times as much memory
 LARGEST_ARRAYS = 1024 * MEGABYTE  # of one file
 GROWTH = 16  # allowed size of arrays, by that of their files; recordings need less
 CHUNK_BYTES = 2 * MEGABYTE  # read at a time, and searched for escapes
@@ -92,23 +92,28 @@ def read_text_bytes(path: Path) -> bytes:
     return b"".join(blocks)
 
 
-def read_text(path: Path) -> tuple[str, list[str], bool]:
-    """Read a text, with line feeds, name an encoding other than UTF-8, and tell whether the last line was ended."""
+def read_text(path: Path) -> tuple[bytes, list[str], bool]:
+    """Read a text as UTF-8 whose lines end with line feeds, name another encoding, and whether the last line was ended.
+
+    Raises:
+        InputError: the file cannot be read, or contains bytes that are not text.
+    """
     data, notes = read_text_bytes(path), list[str]()
     wide = is_utf16(data)
     try:
         if wide:
-            text, notes = data[: len(data) // 2 * 2].decode("utf-16"), ["in UTF-16"]
-        else:
-            text = data.decode("ascii" if data.isascii() else "utf-8-sig")
+            data, notes = data[: len(data) // 2 * 2].decode("utf-16").encode(), ["in UTF-16"]
+        elif not data.isascii():
+            data = data.decode("utf-8-sig").encode()
     except UnicodeError as error:
         if wide or data.translate(None, _TEXT + _LATIN):
             expected, advice = "a readable CSV file in UTF-8, UTF-16 or Latin-1", "check path and format"
             raise InputError(str(path), expected=expected, found=error, advice=advice) from None
-        text, notes = data.decode("latin-1"), ["in Latin-1"]
-    text = text.replace("\r\n", "\n").replace("\r", "\n")
-    ended = text.endswith("\n")
-    return text if ended or not text else f"{text}\n", notes, ended
+        data, notes = data.decode("latin-1").encode(), ["in Latin-1"]
+    if b"\r" in data:
+        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    ended = data.endswith(b"\n")
+    return data if ended or not data else data + b"\n", notes, ended
 
 
 def is_utf16(data: bytes) -> bool:

@@ -28,7 +28,11 @@ SETS = ("D", "XY")  # sets of components that determine the declination
 
 
 def read(paths: Sequence[str | Path]) -> FieldSeries:
-    """Read the series of one observatory from its files, sorted by time without repeated times."""
+    """Read the series of one observatory from its files, sorted by time without repeated times.
+
+    Raises:
+        InputError: a file is not of this format, holds no rows or no declination, or is of another station.
+    """
     with detect.format_hints("iaga2002", paths, advice=ADVICE):
         headers, tables, damaged = zip(*(_read_file(Path(path)) for path in paths), strict=True)
     stations = [header.get("iaga code", "").upper() for header in headers]
@@ -39,8 +43,12 @@ def read(paths: Sequence[str | Path]) -> FieldSeries:
     rows = np.concatenate(tables, axis=1)
     _, first = np.unique(rows[0], return_index=True)
     time_s, declination, horizontal, vertical = rows[:, first]
-    repeated, missing = rows.shape[1] - len(first), int(np.sum(~np.isfinite(declination)))
-    counts = {"rows": rows.shape[1], "damaged": sum(damaged), "repeated": repeated, "missing": missing}
+    counts = {
+        "rows": rows.shape[1],
+        "damaged": sum(damaged),
+        "repeated": rows.shape[1] - len(first),
+        "missing": int(np.sum(~np.isfinite(declination))),
+    }
     texts = {
         "damaged": "rows are damaged, or their date and day of the year disagree; they are left out",
         "repeated": "rows repeat an instant; the first of each counts",

@@ -70,6 +70,9 @@ def read(
 
     Settings override what the file states; ``columns`` (role -> name of a variable, with dots for fields of structures)
     is needed for files of other programs.
+
+    Raises:
+        InputError: a file is damaged, lacks time or velocities, or does not state what only the mooring file can.
     """
     named = {role: name for role, name in (columns or {}).items() if name is not None}
     applied, records = parse_applied_declination(declination_applied), []
@@ -100,7 +103,11 @@ def read(
 
 
 def load(path: Path) -> dict[str, Any]:
-    """Load the variables of a MATLAB file, structures as dictionaries."""
+    """Load the variables of a MATLAB file, structures as dictionaries.
+
+    Raises:
+        InputError: the file cannot be read within the limits of raw files.
+    """
     from scipy.io import loadmat, whosmat  # only where such a file is given
     from scipy.io.matlab import MatReadError
 
@@ -176,7 +183,11 @@ def _of_rdradcp(path: Path, adcp: Mapping[str, Any]) -> Content:
 
 
 def find_numbers(path: Path, variables: Mapping[str, Any], name: str, role: str) -> Floats:
-    """Find an array of numbers by the name of its variable, with dots for the fields of structures."""
+    """Find an array of numbers by the name of its variable, with dots for the fields of structures.
+
+    Raises:
+        InputError: it does not exist, or is something else.
+    """
     value: Any = variables
     for part in str(name).split("."):
         if not isinstance(value, Mapping) or part not in value:
@@ -198,7 +209,11 @@ def to_record(
     time_format: str | None = None,
     named: Collection[str] = (),
 ) -> Record:
-    """Convert series by role to a record; those that the mooring file names must have one axis of time."""
+    """Convert series by role to a record; those that the mooring file names must have one axis of time.
+
+    Raises:
+        InputError: series or facts are missing that a record needs, or a series has other axes than time and cells.
+    """
     series = dict(content.series)
     flow = ("speed", "direction") if "speed" in series else ("east", "north")
     if lacking := [role for role in ("time", *flow) if role not in series]:
@@ -254,6 +269,9 @@ def read_ready_pairs(path: Path, columns: Mapping[str, str]) -> dict[str, Floats
     """Read time (UTC seconds since 1970), heading (degrees) and velocities (in the file's unit), (n,) each.
 
     Times in a MATLAB file may be datenum or seconds since 1970.
+
+    Raises:
+        InputError: the file or a column is missing, or cannot be read within the limits of raw files.
     """
     if path.suffix.lower() != ".mat":
         return read_table(path, columns, PAIRS_ADVICE).columns

@@ -38,7 +38,11 @@ def read(
     flags: Mapping[str, Sequence[object]] | None = None,
     direction_reference: str | None = None,
 ) -> Record:
-    """Read the time series of one instrument."""
+    """Read the time series of one instrument.
+
+    Raises:
+        InputError: a file holds several stations or no velocities, or as for tables.
+    """
     named = {role: name for role, name in (columns or {}).items() if name is not None}
     scale, tables = named.pop("scale", None), []
     for path in paths:
@@ -46,8 +50,8 @@ def read(
         if head is None:
             advice = "check that format: odv and the file belong together"
             raise InputError(str(path), expected="a header Cruise, Station, ...", found="none", advice=advice)
-        rows = (line.split(head.delimiter, 2) for line in head.lines[head.line :])
-        stations = {(*row[:2],) for row in rows if row[0].strip() and not row[0].startswith("//")}
+        rows = (line.split(head.delimiter.encode(), 2) for line in head.source[head.begin :].splitlines())
+        stations = {(*row[:2],) for row in rows if row[0].strip() and not row[0].startswith(b"//")}
         if len(stations) > 1:
             expected, advice = "the time series of one station", "write one station a file"
             raise InputError(str(path), expected=expected, found=f"{len(stations)} stations", advice=advice)
@@ -79,7 +83,7 @@ def read(
 def find_columns(head: delimited.Head) -> dict[str, str]:
     """Find the columns of roles by their parameters, else by their names, without those of flags."""
     names = [name for name in head.names if name and not _FLAGS.fullmatch(name)]
-    preamble = "\n".join(head.lines[: head.line])
+    preamble = head.source[: head.begin].decode(errors="replace")
     parameter = {_without_unit(subject): code for subject, code in _SUBJECT.findall(preamble)}
     columns: dict[str, str] = {}
     for name in names:

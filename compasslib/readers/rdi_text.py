@@ -36,13 +36,17 @@ EXPORT = "export the series as text with WinADCP, names and units in the header,
 
 
 def read(paths: Sequence[Path], *, orientation: str | None) -> Record:
-    """Read the ensembles of one instrument from files in order of time."""
+    """Read the ensembles of one instrument from files in order of time.
+
+    Raises:
+        InputError: a file is not such an export, lacks required columns, or has a damaged row.
+    """
     return join_records([_read_file(Path(path), orientation) for path in paths])
 
 
 def _read_file(path: Path, orientation: str | None) -> Record:
     head = find_head(path, lambda names: names[:7] == ["Ens", *CLOCK], LAYOUT, must=True)
-    preamble = "" if head is None else "\n".join(head.lines[: head.line])
+    preamble = "" if head is None else head.source[: head.begin].decode(errors="replace")
     first, size = FIRST_BIN.search(preamble), BIN_SIZE.search(preamble)
     if head is None or first is None or size is None:
         expected = "a WinADCP text export: 1st Bin Range, Bin Size, and headers Ens YR MO DA HH MM SS"
@@ -50,11 +54,12 @@ def _read_file(path: Path, orientation: str | None) -> Record:
         raise InputError(str(path), expected=expected, found="one without", advice=advice)
     places = {name: _places(head, name) for name in (*CLOCK, "Ori", *SERIES, *VERTICAL)}
     pair, flow, cells, factor = _find_currents(path, head)
-    body = open_body(path, head, LAYOUT, skip=2)
+    body = open_body(path, head, {k for each in (*places.values(), *flow) for k in each}, LAYOUT, skip=2)
     width = len(head.names) - (head.names[-1] == "")
-    if (short := next((k for k, row in enumerate(body.rows) if len(row) < width), None)) is not None:
-        raise body.error(short, 0, f"{width} cells as in the header", f"a line of {len(body.rows[short])} cells")
-    if not body.rows:
+    if (short := np.flatnonzero(body.rows.width < width)).size:
+        shown = f"a line of {body.rows.width[short[0]]} cells"
+        raise body.error(int(short[0]), 0, f"{width} cells as in the header", shown)
+    if not len(body.rows.lines):
         raise InputError(str(path), expected="a row an ensemble", found="none", advice=EXPORT)
     clock = [places[name][0] for name in CLOCK]
     parts = [*_numbers(body, clock).T]
@@ -63,7 +68,7 @@ def _read_file(path: Path, orientation: str | None) -> Record:
         parts[-1] = parts[-1] + _numbers(body, hundredths)[:, 0] / 100.0
     time_s, wrong = times.from_parts(parts)
     if wrong is not None:
-        shown = " ".join(body.column(k)[wrong] for k in clock)
+        shown = " ".join(body.column(k).text(wrong) for k in clock)
         raise body.error(wrong, clock[0], " ".join(("YR", *CLOCK[1:])), shown)
     series, _ = body.numbers({role: places[name][0] for name, role in SERIES.items() if len(places[name]) == 1})
     first_flow, second = (_numbers(body, each) for each in flow)

@@ -49,6 +49,10 @@ def read(
         columns: role -> header or number, and ``scale``, the factor of velocities to m/s, by default that of the unit
             in headers or unit lines, else 1; x is forward, y to port.
         **layout: fields of ``delimited.Layout``.
+
+    Raises:
+        InputError: a file or a column is missing, a time or number cannot be parsed, or the table contradicts
+            ``scale`` or ``direction_reference``.
     """
     headers = {role: column for role, column in columns.items() if role != "scale" and column is not None}
     known, form = vocabulary.parse_flag_settings(flags), Layout.from_settings(layout)
@@ -91,7 +95,8 @@ def to_record(
     level = table.get("depth", table.get("pressure", np.zeros(len(row))))
     series = {field: table[role][first] for role, field in SERIES.items() if role in table}
     if "heading" in table:
-        series["heading_deg"] = angles.wrap360(table["heading"][first])
+        heading = table["heading"][first]
+        series["heading_deg"] = np.where(np.isfinite(heading), angles.wrap360(heading), np.nan)
         series["heading_quality"] = table.get("flag_heading", np.full(len(row), GOOD))[first]
     if of_flow:
         worst = vocabulary.worst_flag([flag.astype(int) for flag in of_flow])
@@ -220,6 +225,9 @@ def read_series(covariate: Mapping[str, Any]) -> tuple[Floats, Floats, tuple[str
 
     Args:
         covariate: section of the mooring file: files, columns (time or date and clock, value) and the keys of tables.
+
+    Raises:
+        InputError: a file or a column is missing, a cell cannot be parsed, or no row has both a time and a value.
     """
     headers = {role: header for role, header in covariate["columns"].items() if header is not None}
     paths = [Path(file) for file in covariate["files"]]

@@ -1,6 +1,6 @@
 """Parse times to UTC seconds since 1970: unambiguous formats are detected, all others require ``time_format``.
 
-A value above 12 tells the day from the month.
+A value above 12 tells the day from the month. Cells that differ in their digits only are parsed together.
 """
 
 from __future__ import annotations
@@ -9,11 +9,13 @@ import re
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.readers.cells import parse_numbers
+from compasslib.readers.cells import ZERO, Column, parse_numbers
 from compasslib.types import DAY_S, HOUR_S, Bools, Floats
 
 Ints = NDArray[np.int64]
@@ -71,7 +73,7 @@ class Unreadable(Exception):
 class _Cells:
     """Time cells, and the form that all must have."""
 
-    texts: Sequence[str]
+    column: Column
     expected: str
     advice: str
 
@@ -79,11 +81,11 @@ class _Cells:
         """Raise the error for the first wrong cell, if any is."""
         if wrong.any():
             row = int(np.argmax(wrong))
-            raise Unreadable(row, repr(self.texts[row]), expected or self.expected, self.advice)
+            raise Unreadable(row, repr(self.column.text(row)), expected or self.expected, self.advice)
 
 
 def parse_times(
-    texts: Sequence[str], *, form: str | None = None, zone: str | None = None, decimal: str | None = None
+    column: Column, *, form: str | None = None, zone: str | None = None, decimal: str | None = None
 ) -> tuple[Floats, str]:
     """Parse cells as UTC seconds since 1970, (n,), and describe the detected format; empty for ISO or a given format.
 
@@ -95,20 +97,20 @@ def parse_times(
     Raises:
         Unreadable: a cell is not a valid time, or is ambiguous.
     """
-    if not texts:
+    if not len(column):
         return np.zeros(0), ""
-    name = ""
+    first, name = column.text(0), ""
     if form is None:
-        name = next((name for name, pattern in _PATTERNS.items() if pattern.fullmatch(texts[0])), "")
-        expected = f"a time like {texts[0]!r}, as in the first row" if name not in ("", "iso") else TIME_FORM
-        cells = _Cells(texts, expected, f"mend the line, or {SETTLE} for another form")
+        name = next((name for name, pattern in _PATTERNS.items() if pattern.fullmatch(first)), "")
+        expected = f"a time like {first!r}, as in the first row" if name not in ("", "iso") else TIME_FORM
+        cells = _Cells(column, expected, f"mend the line, or {SETTLE} for another form")
         pattern = _PATTERNS.get(name)
     else:
         expected = SCALES[form][1] if form in SCALES else f"a time like {form}"
-        cells = _Cells(texts, expected, "mend the line or correct time_format")
+        cells = _Cells(column, expected, "mend the line or correct time_format")
         pattern = None if form in SCALES else _pattern_of(form)
     if pattern is None:
-        values = parse_numbers(texts, decimal)
+        values, _ = parse_numbers(column, decimal, ())
         cells.refuse(~np.isfinite(values))
         time_s, note = from_numbers(values, form)
         return time_s - parse_zone(zone), note
@@ -125,7 +127,7 @@ def parse_times(
         cells.refuse(stated & (fields["zone"] != ahead_s), f"times at {zone}, as timezone says")
     elif np.any(fields["zone"][stated] != 0.0):
         cells.refuse(~stated, "an offset from UTC as in other rows")
-    time_s = _to_seconds(cells, fields)
+    time_s = _to_seconds(cells, fields, packed=name in _NOTES)
     return time_s - np.where(stated, fields["zone"], ahead_s), note
 
 
@@ -141,48 +143,64 @@ def _pattern_of(form: str) -> re.Pattern[str]:
 
 
 def _read_fields(cells: _Cells, pattern: re.Pattern[str]) -> dict[str, Floats]:
-    """Read the numbers of the named groups of a pattern, (n,) each.
+    """Read the numbers of the named groups of a pattern, (n,) each, from cells that differ in their digits only.
 
     Zero stands for an absent one; ``half`` is 1 for AM and 2 for PM, ``zone`` in seconds ahead of UTC, NaN if absent.
     """
-    matches = (pattern.fullmatch(text) for text in cells.texts)
-    groups = [match.groups("") if match else () for match in matches]
-    cells.refuse(np.array([not each for each in groups]))
-    parsers: dict[str, Callable[[str], float]] = {
-        "name": lambda text: NUMBER_OF.get(text.lower(), 0),
-        "half": lambda text: 1.0 + (text in "pP"),
-        "zone": parse_zone,
-        "f": lambda text: float(f"0.{text}"),
-        "S": lambda text: float(text.replace(",", ".")),
-    }
-    fields = {"zone": np.full(len(groups), np.nan)}
-    for name, texts in zip(pattern.groupindex, zip(*groups, strict=True), strict=True):
-        if name != "part":
-            parse, absent = parsers.get(name, float), np.nan if name == "zone" else 0.0
-            known = {text: parse(text) if text else absent for text in {*texts}}
-            fields[name] = np.array([known[text] for text in texts], dtype=float)
-    fields["zone"][[text.endswith(("Z", "UTC", "GMT")) for text in cells.texts]] = 0.0
-    if "name" in fields:
-        cells.refuse(fields["name"] == 0.0, "an English name of a month")
+    column, n = cells.column, len(cells.column)
+    characters, length = column.characters(), column.end - column.begin
+    figures = characters - np.uint8(ZERO)
+    shape = np.ascontiguousarray(np.where(figures < 10, np.uint8(ZERO), characters).T)
+    shape = shape.view(f"S{shape.shape[1]}")[:, 0]
+    fields: dict[str, Floats] = {name: np.zeros(n) for name in {*pattern.groupindex} - {"part"}}
+    fields["zone"] = np.full(n, np.nan)
+    unread = np.arange(n)
+    while unread.size:
+        row = int(unread[0])
+        alike = (shape[unread] == shape[row]) & (length[unread] == length[row])
+        match = pattern.fullmatch(text := column.text(row))
+        if match is None:
+            cells.refuse(np.arange(n) == row)
+            break
+        here: Any = slice(None) if alike.all() and len(unread) == n else unread[alike]
+        for name in fields.keys() & match.groupdict().keys():
+            begin, end = match.span(name)
+            at = [k for k in range(begin, end) if text[k].isdigit()]
+            number = reduce(lambda value, k: 10.0 * value + figures[k, here], at, 0.0)
+            if name == "name":
+                number = NUMBER_OF.get(text[begin:end].lower(), 0)
+                cells.refuse((np.arange(n) == row) & (number == 0), "an English name of a month")
+            if name == "half":
+                number = 0.0 if begin < 0 else 1.0 + (text[begin] in "pP")
+            if name in "Sf":  # seconds with a fraction, or the fraction alone
+                number = number / 10.0 ** max(len(at) - 2 * (name == "S"), 0)
+            if name == "zone" and at:
+                number = 60.0 * (60.0 * (number // 100.0) + number % 100.0) if len(at) > 2 else number * HOUR_S
+                number = -number if text[begin] == "-" else number
+            if name != "zone" or at:
+                fields[name][here] = number
+        if text[-1] in "ZCT":  # Z, UTC, GMT
+            fields["zone"][here] = 0.0
+        unread = unread[~alike]
     return fields
 
 
 def _day_and_month(cells: _Cells, a: Floats, b: Floats) -> tuple[Floats, Floats, str]:
     """Distinguish days from months in numeric dates, and describe the row that decides; reject ambiguous columns."""
     first, second = np.flatnonzero(a > 12.0), np.flatnonzero(b > 12.0)
-    settling = [cells.texts[int(rows[0])] for rows in (first, second) if rows.size]
+    settling = [cells.column.text(int(rows[0])) for rows in (first, second) if rows.size]
     if len(settling) != 1 and (a != b).any():
         row = int(np.argmax(a != b)) if not settling else max(int(first[0]), int(second[0]))
-        shown = " beside ".join(map(repr, settling)) or f"{cells.texts[row]!r}, and no row with a number above 12"
+        shown = " beside ".join(map(repr, settling)) or f"{cells.column.text(row)!r}, and no row with a number above 12"
         advice = "write time_format: '%d/%m/%Y ...' or '%m/%d/%Y ...' with the file's own signs"
         raise Unreadable(row, shown, "dates in which day and month can be told apart", advice)
     day, month, which = (b, a, "month first") if second.size else (a, b, "day first")
     return day, month, f"dates {which}" + "".join(f" ({text} settles it)" for text in settling)
 
 
-def _to_seconds(cells: _Cells, fields: dict[str, Floats]) -> Floats:
+def _to_seconds(cells: _Cells, fields: dict[str, Floats], *, packed: bool) -> Floats:
     """Convert dates and times of day to seconds since 1970; refuse invalid ones."""
-    zero = np.zeros(len(cells.texts))
+    zero = np.zeros(len(cells.column))
     if "short" in fields:
         fields["y"] = full_years(fields["short"])
     month, day = fields.get("m", fields.get("name", zero + 1.0)), fields.get("d", zero + 1.0)
@@ -191,6 +209,8 @@ def _to_seconds(cells: _Cells, fields: dict[str, Floats]) -> Floats:
     whole = (fields["y"], month, day, fields.get("H", zero), fields.get("M", zero), zero)
     time_s = civil_seconds(*(part.astype(np.int64) for part in whole), first_year=1, last_year=9999)
     wrong = np.isnan(time_s) | (second >= 60.0) & ~leap | (np.abs(np.nan_to_num(fields["zone"])) > 14.99 * HOUR_S)
+    if packed:  # eight figures may be anything
+        wrong |= (fields["y"] < YEARS[0]) | (fields["y"] >= 2100.0)
     if "day" in fields:
         time_s = time_s + (fields["day"] - 1.0) * DAY_S
         wrong |= (fields["day"] < 1.0) | (time_s >= new_year(fields["y"] + 1.0))

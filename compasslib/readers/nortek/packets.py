@@ -75,7 +75,11 @@ class Packets:
 
 
 def find_packets(path: str | Path) -> Packets:
-    """Find the records of a file, in the Signature's format if it contains any such record."""
+    """Find the records of a file, in the Signature's format if it contains any such record.
+
+    Raises:
+        InputError: the file cannot be read, holds no record of either format, or more damaged than intact records.
+    """
     stream = files.read_bytes(path)
     stream, escaped = files.undo_escapes(stream, lambda tried: len(_find_records(np.frombuffer(tried, np.uint8))[1][0]))
     data = np.frombuffer(stream, dtype=np.uint8)

@@ -50,7 +50,11 @@ _SAME = (0, 1, 2, 3, 30, 31, 32, 33, 34, 35)  # offsets of bytes that are equal 
 
 
 def decode(packets: Packets) -> Samples:
-    """Decode the samples of a Signature."""
+    """Decode the samples of a Signature.
+
+    Raises:
+        InputError: no velocities of data format 3, beam velocities without a matrix, or other than 3 or 4 beams.
+    """
     at = np.flatnonzero(packets.kind == TEXT)
     texts = (packets.data[packets.begin[k] + 1 : packets.end[k]].tobytes().decode("latin-1") for k in at)
     text = "\n".join(texts)
@@ -155,13 +159,13 @@ def _most_frequent_configuration(packets: Packets, at: Places) -> Places:
 def _sensors(head: Any) -> dict[str, Any]:
     valid = head["configuration"]
     year, month, day, *clock = head["clock"].astype(np.int64).T
+    heading = np.where((valid & Has.COMPASS) > 0, head["heading"] / 100.0, np.nan)
+    heading = np.where(heading < 360.0, heading, np.nan)
     orientation = head["status"] >> 25 & 7  # 0 X up, 1 X down, 2 Y up, 3 Y down, 4 Z up, 5 Z down
 
     def known(bit: int, values: Any) -> Floats:
         return np.where((valid & bit) > 0, values, np.nan)
 
-    heading = known(Has.COMPASS, head["heading"] / 100.0)
-    heading = np.where(heading < 360.0, heading, np.nan)
     return {
         "time_s": civil_seconds(year + 1900, month + 1, day, *clock) + head["fraction"] / 10000.0,
         "heading_deg": heading,
