@@ -34,7 +34,6 @@ SAID = {  # lines of the draft; what the file does not say is DECIDE; other kind
     "Aquadopp profiler": {"format: nortek", "orientation: up"},
     "year and day of the year": {"format: table", "time: [YEAR, DAY_OF_YEAR]"},
     "units in a comment": {"format: table", "scale: 0.01"},
-    "decimal commas and cm/s": {"format: table", "scale: 0.01"},
 }
 
 
