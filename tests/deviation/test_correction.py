@@ -60,7 +60,7 @@ def test_correction_in_pieces_yields_the_same_file(tmp_path, monkeypatch):
     seen, _ = pairs(MILD, n=400)
     record = replace(record_of(seen), **measured(400, 1))
     asked = (record, fit_exact(seen), field_of(seen, 18.0), seen)
-    monkeypatch.setattr("compasslib.deviation.correction.PIECE", 150)
+    monkeypatch.setattr("compasslib.records.PIECE", 150)
     several = correct_in_pieces(*asked)
     assert [len(piece.record.time_s) for piece in several] == [150, 150, 100]
     for name, product in (("whole.nc", correct(*asked)), ("pieces.nc", several)):
