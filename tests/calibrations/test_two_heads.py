@@ -9,6 +9,7 @@ import pytest
 
 from compasslib import angles, calibrations
 from compasslib.archive import calibrations as calibration_files
+from compasslib.archive.files import read_csv, read_json
 from compasslib.calibrations import result
 from compasslib.calibrations import two_heads as heads
 from compasslib.calibrations.result import Calibration
@@ -245,5 +246,7 @@ def test_steady_still_or_identical_heads_raise_no_error(tmp_path, n, turning):
         assert (made.model == "none") == few
         files = {file: tmp_path / f"{file}.x" for file in ("calibration", "table", "points")}
         calibration_files.write(page=result.to_json("h", made, {}), made=made, **files)
+        table, points = calibration_files.read_table(files["table"]), read_csv(files["points"])
+        stored = calibration_files.StoredCalibration(read_json(files["calibration"]), table, points)
         for figure in calibrations.figure_names("two_heads"):
-            figures.draw_figure(figure, tmp_path / f"{figure}.png", calibration_files.read(**files))
+            figures.draw_figure(figure, tmp_path / f"{figure}.png", stored)
