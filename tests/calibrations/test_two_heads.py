@@ -246,8 +246,7 @@ def test_steady_still_or_identical_heads_raise_no_error(tmp_path, n, turning):
         assert (made.model == "none") == few
         files = {file: tmp_path / f"{file}.x" for file in ("calibration", "table", "points")}
         calibration_files.write(page=result.to_json("h", made, {}), made=made, **files)
-        stored = calibration_files.StoredCalibration(
-            read_json(files["calibration"]), calibration_files.read_table(files["table"]), read_csv(files["points"])
-        )
+        table, points = calibration_files.read_table(files["table"]), read_csv(files["points"])
+        stored = calibration_files.StoredCalibration(read_json(files["calibration"]), table, points)
         for figure in calibrations.figure_names("two_heads"):
             figures.draw_figure(figure, tmp_path / f"{figure}.png", stored)
