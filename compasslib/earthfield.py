@@ -78,6 +78,9 @@ def field_along(
         declination: declination in the metadata, degrees east, or None for the model's.
         applied: by instrument, declination that its files already include according to the metadata, degrees; an
             instrument may be set up with a chart some years old.
+
+    Raises:
+        InputError: a date is outside the model.
     """
     nodes = np.linspace(start_s, end_s, 2 + int((end_s - start_s) // (30 * DAY_S)))
     model, horizontal, vertical = igrf(latitude, longitude, nodes)
@@ -201,6 +204,9 @@ def resolve_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
 
     The field is a mapping of horizontal_nT, vertical_nT and declination_deg if latitude, longitude and date are given,
     else None. The declination is the number given, else that of the field, else None.
+
+    Raises:
+        InputError: the date lies outside the model of the earth's field.
     """
     given = settings.get("declination", "auto")
     by_model = given in (None, "auto")

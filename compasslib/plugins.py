@@ -27,7 +27,11 @@ def declared_plugins(group: str) -> tuple[EntryPoint, ...]:
 
 
 def plugin_table(group: str, builtin: Collection[str]) -> Points:
-    """Collect the entries that other packages add to the library's own table, sorted by name, each used once."""
+    """Collect the entries that other packages add to the library's own table, sorted by name, each used once.
+
+    Raises:
+        InputError: a name is already used by the library or by another package.
+    """
     table: Points = {}
     owners = dict.fromkeys(builtin, "compasslib")
     for point in declared_plugins(group):

@@ -23,7 +23,11 @@ if TYPE_CHECKING:
 
 
 def import_xarray() -> Any:
-    """Import xarray, which is needed for labelled data only, or raise ImportError with the command that installs it."""
+    """Import xarray, which is needed for labelled data only, or raise ImportError with the command that installs it.
+
+    Raises:
+        ImportError: xarray is not installed.
+    """
     try:
         import xarray
     except ImportError as error:
@@ -38,7 +42,12 @@ class Labelled:
     path: str = ""  # of the file that it was opened from
 
     def to_xarray(self) -> xarray.Dataset:
-        """Load the file with its own names (UCUR, TIME, DEPTH ...), flags, attributes, and bounds as coordinates."""
+        """Load the file with its own names (UCUR, TIME, DEPTH ...), flags, attributes, and bounds as coordinates.
+
+        Raises:
+            InputError: it was not opened from a file.
+            ImportError: xarray is not installed.
+        """
         if not self.path:
             advice = "write it by compasslib.write_corrected, and open that file by compasslib.open_product"
             raise InputError("to_xarray", expected="a product opened from a file", found="one in memory", advice=advice)
@@ -278,7 +287,11 @@ def pieces(count: int) -> Iterator[slice]:
 
 
 def join_records(records: Sequence[Record]) -> Record:
-    """Join the records of one instrument's files in order of their first times, and sum their counts."""
+    """Join the records of one instrument's files in order of their first times, and sum their counts.
+
+    Raises:
+        InputError: the records differ in number of bins, orientation, direction reference or serial number.
+    """
     if len(records) == 1:
         return records[0]
     ordered = sorted(records, key=lambda record: float(np.nanmin(record.time_s, initial=np.inf)))

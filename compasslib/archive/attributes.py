@@ -121,7 +121,11 @@ def sensor_attributes(attributes: Attributes, looks_up: bool) -> Attributes:
 
 
 def declination_attributes(attributes: Attributes, time_s: Floats, declination_deg: Floats) -> dict[str, object]:
-    """Compose the attributes that describe the declination applied to a variable: model, dates and values."""
+    """Compose the attributes that describe the declination applied to a variable: model, dates and values.
+
+    Args:
+        attributes: global attributes; ``declination_source`` is used.
+    """
     if not len(time_s):
         return {}
     source = str(attributes.get("declination_source", "unknown"))

@@ -49,7 +49,11 @@ def job_name(record: Path) -> str:
 
 
 def read_jobs(paths: Iterable[str | Path]) -> dict[str, Record]:
-    """Read the records of jobs by the names of their actions; refuse a file read that is not as its job wrote it."""
+    """Read the records of jobs by the names of their actions; refuse a file read that is not as its job wrote it.
+
+    Raises:
+        InputError: a record cannot be read, or a job read another file than the one that its job wrote.
+    """
     jobs: dict[str, Record] = {}
     for path in sorted(map(Path, paths)):
         record = read_json(path)
@@ -279,7 +283,12 @@ def clear(root: Path, files: Iterable[str]) -> None:
 
 
 def differences(root: Path, configured: Collection[str] | None) -> list[Difference]:
-    """List differences from the manifest, by file, and results no longer configured, by folder."""
+    """List differences from the manifest, by file, and results no longer configured, by folder.
+
+    Args:
+        root: folder of the cruise, which is only read.
+        configured: as for ``unlisted_files``.
+    """
     differ = list[Difference]()
     for file, known in listed(read_manifest(root)).items():
         if not (root / file).is_file():

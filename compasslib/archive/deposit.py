@@ -79,7 +79,11 @@ WHEEL = f"compasslib-{__version__}-py3-none-any.whl"
 
 
 def deposit(cruise: Cruise, to: str | Path) -> int:
-    """Pack a processed cruise, if it is as its manifest lists it, and return the number of files packed."""
+    """Pack a processed cruise, if it is as its manifest lists it, and return the number of files packed.
+
+    Raises:
+        InputError: there is no manifest, a file differs from it, or an attribute of ``OWNERS`` is missing.
+    """
     root, attributes = cruise.root, cruise.options.attributes
     if missing := missing_attributes(attributes):
         keys = "; ".join(f"{key}, {OWNERS[key]}" for key in missing)
@@ -181,7 +185,13 @@ def open_deposit(file: str | Path, advice: str) -> Iterator[zipfile.ZipFile]:
 
 
 def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], packed: Mapping[str, str], root: Path) -> Entity:
-    """Compose the metadata of a deposit from the manifest, and from SHA-256 by path of what is ``packed`` beside it."""
+    """Compose the metadata of a deposit from the manifest, and from SHA-256 by path of what is ``packed`` beside it.
+
+    Args:
+        page: the manifest, whose paths are relative to results/.
+        packed: SHA-256 of the files of workflow and library and of the job records, by path in the deposit.
+        root: the cruise folder, whose job records date the end of each job.
+    """
     names = {entity["@id"]: quote(entity["name"]) for entity in page["@graph"] if entity["@type"] == "File"}
     names[f"#{crate.LOCK}"] = quote(crate.LOCK)
     graph = json.loads(

@@ -35,7 +35,13 @@ USUAL_BEAM_DEG = 20.0  # of a profiler whose files do not state the angle
 def affected_source(
     name: str, path: str | Path, product: records.CorrectedRecord, record: records.Record, flags: Sequence[int]
 ) -> Source:
-    """Return an affected instrument as a source of the grid, its velocities of these flags read from corrected.nc."""
+    """Return an affected instrument as a source of the grid, its velocities of these flags read from corrected.nc.
+
+    Args:
+        product: content of the same file, without velocities.
+        record: the instrument's record, for the beam angle and whether its bins were mapped.
+        flags: OceanSITES flags of the velocities to use.
+    """
 
     def settle(which: slice, east: Floats, north: Floats, quality: records.Flags, depth: Floats) -> Velocities:
         return Velocities(np.where(np.isin(quality, flags), east + 1j * north, np.nan), depth, quality)
@@ -48,7 +54,11 @@ def reference_source(
     name: str, path: str | Path, record: records.Record, field: records.EarthField, flags: Sequence[int],
     slowed: Sequence[tuple[float, float]] = (),
 ) -> Source:  # fmt: skip
-    """Return a reference as a source of the grid, from true north; in the spans ``slowed`` its rotor was fouled."""
+    """Return a reference as a source of the grid, from true north; in the spans ``slowed`` its rotor was fouled.
+
+    Args:
+        slowed: begin and end, UTC seconds, of periods in which its rotor was fouled: probably good at best.
+    """
 
     def settle(which: slice, east: Floats, north: Floats, quality: records.Flags, range_m: Floats) -> Velocities:
         time_s = record.time_s[which]
@@ -163,6 +173,11 @@ def create_gridded(
     """Yield a new file of the form of gridded.nc with attributes, coordinates, heading errors and corrections.
 
     The arguments after ``description`` are those of ``GriddedProduct``; ``instruments`` are the names of its sources.
+
+    Args:
+        deviation_deg: (a, t) corrected minus recorded headings of the affected instruments.
+        instruments: names, affected instruments first.
+        memory_s: correlation time of the errors that are not due to the heading.
     """
     attributes, turned = description.compose(kind, axes.time_s, axes.depth_m)
     affected, (sources, modes) = len(errors.random), errors.shares.shape

@@ -59,7 +59,11 @@ def software() -> str:
 
 
 def date_created() -> str:
-    """Return the time of processing in ISO 8601: SOURCE_DATE_EPOCH, for reproducible output, or else the clock."""
+    """Return the time of processing in ISO 8601: SOURCE_DATE_EPOCH, for reproducible output, or else the clock.
+
+    Raises:
+        InputError: SOURCE_DATE_EPOCH is not a number of seconds.
+    """
     epoch = os.environ.get("SOURCE_DATE_EPOCH")
     try:
         made = datetime.fromtimestamp(int(epoch), UTC) if epoch else datetime.now(UTC)

@@ -74,7 +74,11 @@ def figure_names(kind: str) -> list[str]:
 
 @single_threaded()
 def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Calibrate a compass from raw files in the order of the YAML file, with its keys as settings."""
+    """Calibrate a compass from raw files in the order of the YAML file, with its keys as settings.
+
+    Raises:
+        InputError: a file cannot be used.
+    """
     from compasslib import earthfield  # imported late: the Snakefile needs ``KINDS`` only
 
     module, name = KINDS[kind].function.split(".")
@@ -95,7 +99,11 @@ def read_columns(
     *,
     bounds: Mapping[str, tuple[float, float]] = MappingProxyType({}),
 ) -> tuple[dict[str, Floats], tuple[str, ...]]:
-    """Read columns of tables by role, concatenated over the files, within bounds by unit, and notes on the tables."""
+    """Read columns of tables by role, concatenated over the files, within bounds by unit, and notes on the tables.
+
+    Raises:
+        InputError: a file or column is absent or withheld, or a value cannot be read or is out of bounds.
+    """
     paths, named = [Path(file) for file in files], settings.get("columns") or {}
     layout, withheld = delimited.Layout.from_settings(settings), set(settings.get("withhold") or ())
     headers = {role: str(named.get(role) or role) for role in (*needed, *optional)}

@@ -117,7 +117,11 @@ def _station_place(series: FieldSeries, settings: Mapping[str, Any]) -> tuple[fl
 
 
 def station_field(series: FieldSeries, settings: Mapping[str, Any], where: str) -> tuple[EarthField, list[str]]:
-    """Evaluate the field model, or the declination of the settings, along a series; with ``check_field``'s warnings."""
+    """Evaluate the field model, or the declination of the settings, along a series; with ``check_field``'s warnings.
+
+    Raises:
+        InputError: the position is unknown, a date lies outside the model, or the field is not that of the place.
+    """
     latitude, longitude = place = _station_place(series, settings)
     if not np.isfinite(latitude + longitude):
         expected = "geodetic latitude and longitude in the header"
@@ -131,7 +135,11 @@ def station_field(series: FieldSeries, settings: Mapping[str, Any], where: str) 
 
 
 def check_field(series: FieldSeries, place: tuple[float, float]) -> list[str]:
-    """Warn if a month's medians are not the model's at the place (latitude, longitude); refuse the impossible."""
+    """Warn if a month's medians are not the model's at the place (latitude, longitude); refuse the impossible.
+
+    Raises:
+        InputError: a mistake that affects the declination is identified, or the field is impossible at that place.
+    """
     warnings: dict[str, str] = {}
     known = np.isfinite(series.declination_deg)
     if not (np.isfinite(place).all() and known.any()):

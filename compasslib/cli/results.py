@@ -28,7 +28,12 @@ COMPARED = ("corrected.nc", ".json", "table.csv")  # files of a deposit that are
 
 
 def mooring_folder(cruise: str, mooring: str, parts: Sequence[str] = ("",), what: str = "mooring") -> Path:
-    """Find the folder of a mooring's results, or of a calibration or compass in further ``parts`` of the results."""
+    """Find the folder of a mooring's results, or of a calibration or compass in further ``parts`` of the results.
+
+    Args:
+        mooring: name in the cruise, or the folder itself.
+        parts: subfolders of the results that are searched, "" for the results themselves.
+    """
     root = Path(cruise) / "results"
     for folder in (*(root / part / mooring for part in parts), Path(cruise) / "corrected" / mooring, Path(mooring)):
         if folder.is_dir():

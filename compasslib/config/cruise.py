@@ -117,7 +117,11 @@ def load_cruise(cruise: Path, *, in_storage: bool = False, refuse: Callable[[Inp
 
 
 def validate(model: type[Model], raw: dict[str, Any], file: str, place: RawFolder | None = None) -> Model:
-    """Validate a mapping, with raw files searched in ``place``, or raise its first mistake, with ``others``."""
+    """Validate a mapping, with raw files searched in ``place``, or raise its first mistake, with ``others``.
+
+    Raises:
+        InputError: for keys still set to DECIDE, an unknown key or an invalid value; ``others`` has further mistakes.
+    """
     undecided_keys, errors = undecided(raw), []
     try:
         checked = model.model_validate(decided(raw), context=place)
@@ -310,7 +314,11 @@ for _kind in ("int", "float"):
 
 
 def read(root: Path, name: str, example: str = "key: value") -> dict[str, Any]:
-    """Read a YAML file as a mapping; dates remain strings."""
+    """Read a YAML file as a mapping; dates remain strings.
+
+    Raises:
+        InputError: if the file is absent, not UTF-8, not YAML, or not a mapping.
+    """
     path = root / name
     if not path.is_file():
         raise InputError(name, f"this file in {root}", "none", f"write one, for example with the line {example}")

@@ -43,7 +43,12 @@ METHODS: dict[str, Callable[[Pairs, DeviationFit | None], DeviationFit]] = {
 
 @single_threaded()
 def fit_deviation(method: str, pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
-    """Fit a deviation model, ``exact`` or ``von_appen``, from one near; one known beforehand is returned."""
+    """Fit a deviation model, ``exact`` or ``von_appen``, from one near; one known beforehand is returned.
+
+    Args:
+        method: ``exact`` or ``von_appen``.
+        near: a fit of the same method to similar pairs, to start from; returned if it was known beforehand.
+    """
     if near is not None and (near.fixed or near.known_beforehand):
         return near
     return METHODS[method](pairs, near)

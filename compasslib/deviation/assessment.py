@@ -61,7 +61,12 @@ def _block_length(time_s: Floats) -> float:
 
 @single_threaded()
 def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = None) -> dict[str, Any]:
-    """Compose assessment.json; ``plain`` are the pairs without the effects beyond the fit, which were not held out."""
+    """Compose assessment.json; ``plain`` are the pairs without the effects beyond the fit, which were not held out.
+
+    Args:
+        plain: the pairs as the compass of the fit alone would have recorded them, where further effects acted; these
+            effects are estimated from the whole record, not held out.
+    """
     plain = pairs if plain is None else plain
     held_out = held_out_headings(plain, fit) if fit.fitted and len(pairs) else np.full(len(pairs), np.nan)
     known = np.isfinite(held_out)
@@ -174,7 +179,11 @@ def _agreement(east: Floats, north: Floats, pairs: Pairs) -> dict[str, Any]:
 
 
 def confidence_intervals(off_deg: Floats, time_s: Floats) -> dict[str, tuple[float, float]]:
-    """Compute 95 % intervals of circular mean, rms and median absolute value of autocorrelated differences."""
+    """Compute 95 % intervals of circular mean, rms and median absolute value of autocorrelated differences.
+
+    Args:
+        off_deg: (n,), n > 0, in [-180, 180).
+    """
     mean, squared = float(angles.wrap180(angles.mean(off_deg))), off_deg**2
     about, rms = angles.difference(off_deg, mean), angles.rms(off_deg)
     independent = min(effective_sample_size(about, time_s), effective_sample_size(squared, time_s))
@@ -263,7 +272,12 @@ def count_differences(east: Floats, north: Floats, pairs: Pairs) -> Counts:
 
 
 def directions_at_pairs(pairs: Pairs, time_s: Floats, heading_corrected_deg: Floats) -> tuple[Floats, Floats, Floats]:
-    """Compute directions at each pair, (n,) degrees each: reference, affected as recorded, affected corrected."""
+    """Compute directions at each pair, (n,) degrees each: reference, affected as recorded, affected corrected.
+
+    Args:
+        time_s: times of the affected record, which include those of the pairs, (m,).
+        heading_corrected_deg: corrected headings of that record, (m,); NaN where there is no correction.
+    """
     lower = angles.direction(pairs.lower_east, pairs.lower_north)
     upper = angles.direction(pairs.upper_east, pairs.upper_north)
     if not (len(pairs) and len(time_s)):

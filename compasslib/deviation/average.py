@@ -54,7 +54,11 @@ class CompassAverage:
 
 
 def average_compasses(at: CompassSeries, heading_deg: Floats) -> CompassAverage:
-    """Average all possible compasses on the branch of the most probable one's headings, (n,) degrees."""
+    """Average all possible compasses on the branch of the most probable one's headings, (n,) degrees.
+
+    Args:
+        heading_deg: correct headings by the most probable compass, (n,), degrees, NaN where there is none.
+    """
     first = at.sigma(heading_deg)
     shifts, variances, weights = [np.zeros_like(first)], [first**2], [np.full_like(first, at.weight)]
     likeliest = nearest_root(at.roots(), heading_deg)
@@ -105,6 +109,11 @@ def average_coefficients(
     """Average A..E and further parameters, (p,), over the priors of A..E, that of no deviation among them.
 
     Returns mean, covariance, the share of an error of A..E that remains, (5, 5), and the probability of no deviation.
+
+    Args:
+        parameters: A..E, and further parameters, whose prior is flat, (p,).
+        covariance: (p, p).
+        fit: the fit that states the errors of the reference, and whether iron is declared.
     """
     estimate, spread_of_fit = parameters[:5], covariance[:5, :5]
     deviated = [

@@ -53,7 +53,12 @@ def single_branch(root_deg: Floats, slope: Floats) -> HeadingDecision:
 def choose_branches(
     readings: Readings, along: CompassSeries, fit: DeviationFit, overlap: NDArray[np.intp], scatter: Floats
 ) -> HeadingDecision:
-    """Choose the heading at each sample by the record and the headings observed (``scatter``) at ``overlap``."""
+    """Choose the heading at each sample by the record and the headings observed (``scatter``) at ``overlap``.
+
+    Args:
+        overlap: indices of the samples at which the reference overlaps, (k,).
+        scatter: density of the heading observed there, on the cells, (k, CELLS).
+    """
     roots = along.roots()
     if not np.isfinite(roots[:, 1]).any():
         return single_branch(roots[:, 0], compass.slope(along.coefficients, roots[:, 0] - along.north_deg))

@@ -88,7 +88,11 @@ def find_declination_error(field: EarthField) -> ConstantOffset | None:
 def find_constant_offset(
     fit: DeviationFit, pairs: Pairs, declination_deg: float, heading_bias_deg: Mapping[str, float] | None = None
 ) -> ConstantOffset | None:
-    """Compare the constant between the instruments with the angles of mistakes, such as a heading bias EB."""
+    """Compare the constant between the instruments with the angles of mistakes, such as a heading bias EB.
+
+    Args:
+        heading_bias_deg: by instrument, the heading bias EB that was subtracted from its directions.
+    """
     measured = _measured(fit, pairs)
     if measured is None:
         return None

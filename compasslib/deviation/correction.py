@@ -109,7 +109,13 @@ def correct_in_pieces(
     unmodelled_deg: float = 0.0,  # standard deviation of known effects
     doubts: Sequence[Doubt] = (),
 ) -> CorrectedPieces:
-    """Correct a record in pieces along time, so that a decade of velocities fits in memory."""
+    """Correct a record in pieces along time, so that a decade of velocities fits in memory.
+
+    Args:
+        at: the compass at each sample, if effects beyond those of the fit acted on it.
+        unmodelled_deg: standard deviation of known unmodelled effects, degrees.
+        doubts: periods whose headings are flagged as doubtful, with increased uncertainty.
+    """
     decision = correct_headings(record_readings(record), fit, pairs, at)
     denied = ("" if fit.covariance_known else UNKNOWN_COVARIANCE, find_implausibility(fit, record))
     doubts = (*doubts, *(doubt_whole_record(angles.UNIFORM_SIGMA_DEG, why) for why in denied if why))

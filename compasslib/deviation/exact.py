@@ -236,7 +236,11 @@ def smooth_density(mass: Floats) -> Floats:
 
 
 def fit_scatter(overlap: Overlap, given: Floats, near: ScatterNoise) -> ScatterNoise:
-    """Fit the scatter of the observed headings, ``given`` the distribution by the recorded heading, (n, CELLS)."""
+    """Fit the scatter of the observed headings, ``given`` the distribution by the recorded heading, (n, CELLS).
+
+    Args:
+        given: distribution of the correct heading given the recorded one only, (n, CELLS).
+    """
 
     def loss(x: Floats) -> tuple[float, Floats]:
         value, slope = scatter_log_likelihood(x, overlap, given)
@@ -252,6 +256,9 @@ def scatter_log_likelihood(x: Floats, overlap: Overlap, given: Floats) -> tuple[
 
     With r = 1 / (1 + chord^2 / (STUDENT_DOF width^2)) the density is r^power over its sum, and the derivative of
     log r^power with respect to log width is 2 power (1 - r), with a power of (STUDENT_DOF + 1) / 2.
+
+    Args:
+        x: logarithms of floor and slow part (degrees, degrees times m/s), logit of the share of outliers, (3,).
     """
     noise = _scatter_noise(x)
     width = overlap.width_deg(noise)
@@ -285,6 +292,10 @@ def robust_covariance(scores: Floats, fit: DeviationFit, pairs: Pairs, effective
 
     In time it is the jackknife over blocks of days. The veer differs between flow directions for months, which these do
     not show: the variance of the scores, (n, 5), between octants beyond it is added, then the mean veer by the profile.
+
+    Args:
+        scores: each pair's gradient of the log-likelihood by A..E, (n, 5).
+        priors: the weak prior, then that from other records, its precision multiplied by ``pairs_per_independent``.
     """
     # Where the iron cancels the earth's field the gradient is unbounded, and one pair would determine all coefficients;
     # it is 60 for a direction known to a degree.

@@ -129,7 +129,12 @@ def normal_density(offset_deg: ArrayLike, sigma_deg: float) -> Floats:
 
 
 def log_likelihood(parameters: Floats, data: BinnedSample, prior: Floats, grid: HeadingGrid) -> float:
-    """Compute the log-likelihood for A..E and log(compass noise / degree), (6,), and pi on the cells."""
+    """Compute the log-likelihood for A..E and log(compass noise / degree), (6,), and pi on the cells.
+
+    Args:
+        parameters: A, B, C, D, E and the logarithm of the compass noise in degrees, (6,).
+        prior: pi on the cells, (CELLS,), sums to 1.
+    """
     return float(np.sum(pair_log_likelihoods(parameters, data, prior, grid)))
 
 

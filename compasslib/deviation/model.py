@@ -278,7 +278,11 @@ ORIENTATION = (0.5, 2.0)  # a dipole's field along its axis is twice that across
 
 
 def estimate_safe_distance(fit: DeviationFit, sphere_distance_m: tuple[float, float] | None) -> dict[str, Any] | None:
-    """Estimate the deviation at other distances from the iron's centre, asin(|p| (r0/r)^3), by bounds of r0 and |p|."""
+    """Estimate the deviation at other distances from the iron's centre, asin(|p| (r0/r)^3), by bounds of r0 and |p|.
+
+    Args:
+        sphere_distance_m: bounds of the distance r0 from compass to iron's centre, not determined by the record.
+    """
     if sphere_distance_m is None or not fit.fitted or fit.method == "von_appen":
         return None
     b_c = fit.coefficients[1:3]
@@ -316,7 +320,12 @@ def declination_sigma(field: EarthField) -> float:
 def reference_compass(
     name: str, field: EarthField, *, magnetic: bool, sigma_deg: float | None = None, iron_nT: float | None = None
 ) -> ReferenceCompass:
-    """Describe the compass of a reference by its keys; true directions add the error of another declination."""
+    """Describe the compass of a reference by its keys; true directions add the error of another declination.
+
+    Args:
+        sigma_deg: standard deviation of its constant error (``compass_sigma_deg``), None for the usual one.
+        iron_nT: that of either component of its horizontal iron (``compass_iron_nT``), None for the usual one.
+    """
     horizontal, declination = float(np.mean(field.horizontal_nT)), declination_sigma(field)
     dip_ratio = abs(float(np.mean(field.vertical_nT))) / horizontal
     usual = CONSTANT_SIGMA_DEG if magnetic else float(np.hypot(CONSTANT_SIGMA_DEG, declination))
@@ -338,7 +347,11 @@ def iron_pattern(pairs: Pairs) -> Floats:
 
 
 def reference_errors(pairs: Pairs, iron: Floats, *, veer_included: bool) -> ReferenceErrors | None:
-    """Collect the errors of the reference of a fit, with the change of A..E by its iron; None if not stated."""
+    """Collect the errors of the reference of a fit, with the change of A..E by its iron; None if not stated.
+
+    Args:
+        iron: (5, 2) change of the coefficients by each column of ``iron_pattern``.
+    """
     if (compass := pairs.compass) is None:
         return None
     constant = float(np.hypot(compass.sigma_deg, compass.declination_deg))
@@ -350,6 +363,10 @@ def constant_sigma(constant_deg: float, sigma_deg: float, error_deg: float) -> f
 
     The own part is normal with ``ALIGNMENT_SIGMA_DEG``, the error of the reference Student's t with four degrees of
     freedom, 68 % of it within ``error_deg``; given their sum, the error has a mean and a standard deviation.
+
+    Args:
+        sigma_deg: standard error of the fitted constant.
+        error_deg: standard deviation of the error, in the sense that 68 % lie within.
     """
     if error_deg == 0.0:
         return 0.0

@@ -59,7 +59,11 @@ SIDES = {term.name: term.side for term in CATALOGUE} | {SLOW_WATER: "water"}  # 
 
 @cache
 def all_effects() -> tuple[type[Effect], ...]:
-    """List the effects of the catalogue and of other packages, which are loaded on the first call."""
+    """List the effects of the catalogue and of other packages, which are loaded on the first call.
+
+    Raises:
+        InputError: a name is already used, or an entry point does not provide an effect of its name.
+    """
     effects = [*CATALOGUE]
     for name, point in plugins.plugin_table(plugins.EFFECTS, SIDES).items():
         term = plugins.load_plugin(point)
@@ -71,7 +75,11 @@ def all_effects() -> tuple[type[Effect], ...]:
 
 
 def side_of(effect: str) -> str:
-    """Look up the side of an effect; that of a composed one, composed:ACTS_ON/DRIVER/FORM, follows from its target."""
+    """Look up the side of an effect; that of a composed one, composed:ACTS_ON/DRIVER/FORM, follows from its target.
+
+    Raises:
+        KeyError: no such effect.
+    """
     if effect.startswith(COMPOSED):
         acts_on = effect.removeprefix(COMPOSED).split("/")[0]
         return "water" if acts_on.startswith("flow") else "clock" if acts_on == "clock" else "compass"

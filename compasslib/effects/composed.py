@@ -319,7 +319,11 @@ NOWHERE = Scene(*(np.zeros(0),) * 5, 0.0)
 
 
 def driver_series(scene: Scene, driver: str) -> Floats:
-    """Compute a driver's departure from its reference, (n,); for two joined by * their product."""
+    """Compute a driver's departure from its reference, (n,); for two joined by * their product.
+
+    Raises:
+        KeyError: the scene does not have it.
+    """
     if "*" in driver:
         first, second = driver.split("*")
         return driver_series(scene, first) * driver_series(scene, second)

@@ -70,6 +70,10 @@ def parameter(unit: str, meaning: str, step: float, *, usual: float = np.inf) ->
     """Declare a parameter that is 0 where the effect is absent; a ``step`` of it turns the heading by roughly a degree.
 
     ``usual`` is the standard deviation of its prior, by default that of an effect of ``USUAL_DEG``.
+
+    Args:
+        step: a change that turns the heading by very roughly a degree, for finite differences.
+        usual: standard deviation of its prior; by default that of an effect of ``USUAL_DEG`` in the record.
     """
     return field(default=0.0, metadata={"unit": unit, "meaning": meaning, "step": step, "usual": usual})
 
@@ -102,6 +106,10 @@ class Effect(ABC):
         """Apply the effect to the field in the body frame, (n, 3) nT, or what else it acts on.
 
         Others: north, reading or veer, (n,) degrees; water that carries a ship, (n, 2) m/s; clock error, (n,) seconds.
+
+        Args:
+            x: field in the body frame, (n, 3) nT; or shift of north, reading, or veer of the water, (n,) degrees; or
+                velocity of the water that carries a ship, (n, 2) m/s; or clock error, (n,) seconds.
         """
 
     def invert(self, reading_deg: Floats, scene: Scene) -> Floats:

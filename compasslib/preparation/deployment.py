@@ -107,6 +107,9 @@ def follow_neighbour(
 
     Args:
         depths_m: nominal depths of the instrument and of the neighbour.
+
+    Raises:
+        InputError: the neighbour has no depth that varies.
     """
     nominal_m, neighbour_m = depths_m
     known = np.isfinite(depth_m)
@@ -210,7 +213,11 @@ def _depth_warnings(given: Floats, depth: Floats, source: str, nominal: float | 
 
 
 def add_covariates(record: Record, series: Mapping[str, Mapping[str, Any]]) -> Record:
-    """Interpolate covariates from tables to the record's times, NaN outside their coverage."""
+    """Interpolate covariates from tables to the record's times, NaN outside their coverage.
+
+    Raises:
+        InputError: a table cannot be read, or has no value at the record's times.
+    """
     channels, units, warnings = {**record.channels}, {**record.channel_units}, [*record.warnings]
     for name, settings in series.items():
         time_s, value, notes = table.read_series(settings)

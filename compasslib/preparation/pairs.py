@@ -158,7 +158,11 @@ def mean_of_nearest_bins(record: Record, distance_from: Floats, bins: int) -> tu
 
 
 def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
-    """Check pairs for input errors, and attach warnings."""
+    """Check pairs for input errors, and attach warnings.
+
+    Raises:
+        InputError: both instruments have the same serial number, or the affected velocities are in a wrong frame.
+    """
     if any(upper.serial_number and upper.serial_number == each.serial_number for each in trusted):
         expected, shown = "two instruments", f"serial number {upper.serial_number} in the files of both"
         raise InputError("compromised and reference", expected=expected, found=shown, advice="correct files of one")

@@ -193,7 +193,11 @@ def survey(source: Source) -> Survey:
 
 
 def make_axes(sources: Sequence[Source], surveys: Sequence[Survey], rules: GridRules) -> Axes:
-    """Make the axes: as requested, else with the steps of the first instrument over the range that any measured."""
+    """Make the axes: as requested, else with the steps of the first instrument over the range that any measured.
+
+    Raises:
+        InputError: there would be too many depths.
+    """
     cells = [each.cell_m for each in surveys if each.cell_m > 0.0 and not each.empty]
     cell_m = surveys[0].cell_m if not surveys[0].empty else 0.0
     step_m = rules.step_m or cell_m or (cells[0] if cells else 10.0)

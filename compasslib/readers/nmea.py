@@ -65,6 +65,10 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC", ta
 
     The course is of sentences ``RMC`` or ``VTG`` (timed by interpolation between RMC); ``talker``, the sender of the
     headings, is required where several send them.
+
+    Raises:
+        InputError: a file cannot be read, over half of its headings and courses are damaged, several instruments send
+            headings, or there are no headings or no courses to pair.
     """
     counts = Counter[str]()
     fixes, values, talkers = _collect(_sentences(paths, counts, (heading, course)), counts, heading, course, talker)

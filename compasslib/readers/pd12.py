@@ -47,6 +47,9 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
     Args:
         bin_size: distance between adjacent transmitted bins, metres.
         first_bin: distance from the transducer to the middle of the first transmitted bin, metres.
+
+    Raises:
+        InputError: a file cannot be read, no intact ensemble is found, or ensembles lack some of the four components.
     """
     where = ", ".join(map(str, paths))
     frames, counts = _frames(paths)

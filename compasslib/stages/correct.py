@@ -33,7 +33,12 @@ def correct(
     mooring: str, files: Files, say: Say, *, site: Settings, attributes: Settings, superseded: Settings | None,
     by_hand: Sequence[str],
 ) -> None:  # fmt: skip
-    """Write the corrected record, its assessment with the answer whether it can be used, table and histograms."""
+    """Write the corrected record, its assessment with the answer whether it can be used, table and histograms.
+
+    Args:
+        superseded: the earlier deposit, as returned by ``deposit.describe_superseded``.
+        by_hand: descriptions of the flags that a person gave.
+    """
     affected, along = netcdf.read_record(files.record), earthfield.field_from_json(read_json(files.field))
     whole = replace(affected, profiles=netcdf.read_profiles(files.record))
     made_by = products.from_json(read_json(files.deviation))
@@ -76,6 +81,12 @@ def grid(
     """Write velocities on fixed depths and times: gridded.nc, and gridded_daily.nc if configured.
 
     The files of the affected instruments are lists in one order; ``compasses`` and ``rotors`` are of the references.
+
+    Args:
+        compasses: arguments of ``reference_compass`` for each reference.
+        rotors: whether each reference counts its speed by a mechanical rotor.
+        superseded: the earlier deposit, as for ``correct``.
+        by_hand: descriptions of the flags that a person gave.
     """
     along, flags = earthfield.field_from_json(read_json(files.fields[0])), tuple(options["flags"])
     names = [Path(path).stem for path in files.references]

@@ -103,7 +103,11 @@ def report(
 
 
 def provenance(files: Files, say: Say, *, configuration: Mapping[str, Sequence[str]], attributes: Settings) -> None:
-    """Write the manifest, a crate of all ``jobs``, given by their records; for the rest see ``crate.crate``."""
+    """Write the manifest, a crate of all ``jobs``, given by their records; for the rest see ``crate.crate``.
+
+    Raises:
+        InputError: a job read a result that is not as its job wrote it.
+    """
     jobs, stopped = crate.read_jobs(files.jobs), _named(read_stopped(files.usable))
     page = crate.crate(jobs, configuration=configuration, attributes=attributes, stopped=stopped)
     write_json(files.manifest, page)

@@ -274,7 +274,11 @@ def heading_errors(truth: Mapping[str, Any], folder: Path) -> HeadingErrors:
 
 
 def reveal(name: str, root: Path, truth: Mapping[str, Any], errors: HeadingErrors, reach_deg: float) -> dict[str, Any]:
-    """Compare the results of a mooring with the truth, as content of its section; errors are drawn up to the reach."""
+    """Compare the results of a mooring with the truth, as content of its section; errors are drawn up to the reach.
+
+    Args:
+        reach_deg: limit of the axis of heading errors, common to all moorings of the page.
+    """
     diagnosis = read_json(root / name / "diagnosis.json")
     with tempfile.TemporaryDirectory() as folder:
         series = errors.time_s, errors.fit_deg, errors.corrected_deg, errors.sigma_deg

@@ -41,6 +41,9 @@ def diagnose(
 
     For a shared compass the files also name a ``summary`` to write for its other records; or ``joined``, compass.json,
     from which the other records are known, and ``alone``, the same three files of the record by itself.
+
+    Args:
+        sphere_distance_m: bounds of the distance from the compass to the iron's centre, where known.
     """
     near = combine_references(netcdf.read_pairs(files.pairs))
     along, configured = earthfield.field_from_json(read_json(files.field)), read_json(files.fit)
@@ -155,7 +158,12 @@ def describe_siblings(siblings: SiblingInformation, alone: DeviationFit, fitted:
 def combine_records(
     name: str, files: Files, say: Say, *, spheres: Mapping[str, str | None], min_effect_deg: float
 ) -> None:
-    """Write compass.json (``joined``) and the diagnosis of a compass, by its ``summaries`` and ``calibrations``."""
+    """Write compass.json (``joined``) and the diagnosis of a compass, by its ``summaries`` and ``calibrations``.
+
+    Args:
+        spheres: sphere or frame by name of mooring or calibration, None where not stated.
+        min_effect_deg: visible size below which a shared effect is irrelevant.
+    """
     moored, calibrated = ([read_json(path) for path in paths] for paths in (files.summaries, files.calibrations))
     records = [joint_compass.mooring_member(m, spheres[m["name"]]) for m in moored]
     records += [joint_compass.calibration_member(c, spheres[c["name"]]) for c in calibrated]

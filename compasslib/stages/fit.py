@@ -17,7 +17,12 @@ from compasslib.stages import Files, Say, Settings
 
 
 def fit(mooring: str, files: Files, say: Say, *, method: str, given: Settings | None, sphere: bool) -> None:
-    """Write the compass fitted to the pairs, or the one ``given`` in the YAML file; ``sphere``: iron is declared."""
+    """Write the compass fitted to the pairs, or the one ``given`` in the YAML file; ``sphere``: iron is declared.
+
+    Args:
+        given: arguments of ``at_mooring.compass_from_coefficients``, None where the compass is fitted.
+        sphere: whether iron near the compass is declared.
+    """
     upper = netcdf.read_record(files.record, velocities=False)
     near = combine_references(netcdf.read_pairs(files.pairs))
     there = earthfield.field_from_json(read_json(files.field))
@@ -33,7 +38,12 @@ def fit(mooring: str, files: Files, say: Say, *, method: str, given: Settings | 
 
 
 def transfer_calibration(mooring: str, files: Files, say: Say, *, parts: Sequence[str], sphere: bool) -> None:
-    """Write the compass of one calibration, or of those before and after, in the mooring's field; nothing is fitted."""
+    """Write the compass of one calibration, or of those before and after, in the mooring's field; nothing is fitted.
+
+    Args:
+        parts: parts mounted near the mooring's compass.
+        sphere: whether iron near it is declared.
+    """
     upper, there = netcdf.read_record(files.record), earthfield.field_from_json(read_json(files.field))
     elsewhere = [read_json(path) for path in files.calibrations]
     near = combine_references(netcdf.read_pairs(files.pairs))

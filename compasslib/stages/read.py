@@ -81,7 +81,13 @@ def overlap(
     mooring: str, files: Files, say: Say, *, place: Settings, rules: Settings, columns: Settings | None,
     compasses: Sequence[Settings],
 ) -> None:  # fmt: skip
-    """Write the ``field``, and the ``pairs`` of the records or ``ready`` ones, also ``wide`` ones, further apart."""
+    """Write the ``field``, and the ``pairs`` of the records or ``ready`` ones, also ``wide`` ones, further apart.
+
+    Args:
+        place: arguments of ``earthfield.field_along``.
+        columns: headers or variables of the ready-made file by role, and ``scale``.
+        compasses: arguments of ``reference_compass`` for each reference.
+    """
     along = with_observatory_warnings(earthfield.field_along(**place), files.observatory)
     write_json(files.field, vars(along))
     along = earthfield.field_from_json(read_json(files.field))  # as every later stage reads it

@@ -379,7 +379,11 @@ def array(cruise: Cruise) -> list[dict[str, Any]]:
 
 
 def check_cruise(cruise: Cruise) -> None:
-    """Refuse what no stage can process: unknown simulations, unusable plug-ins or deposits, unequal axes of a site."""
+    """Refuse what no stage can process: unknown simulations, unusable plug-ins or deposits, unequal axes of a site.
+
+    Raises:
+        InputError: a mooring cannot be simulated, or an effect or reader of another package, or a deposit, is unusable.
+    """
     if plugins.declared_plugins(plugins.EFFECTS):
         from compasslib.effects import all_effects
 

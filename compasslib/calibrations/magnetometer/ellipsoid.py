@@ -105,7 +105,11 @@ def modulus(field: Floats, down: Floats) -> Floats:
 
 
 def solve(model: Model, readings: ScaledReadings, centre: Floats) -> tuple[Floats, float]:
-    """Minimise the adjusted loss over the parameters, (p,), and estimate the noise variance of one axis."""
+    """Minimise the adjusted loss over the parameters, (p,), and estimate the noise variance of one axis.
+
+    Raises:
+        np.linalg.LinAlgError: the readings do not determine the parameters.
+    """
     wanted = np.concatenate([centre, np.eye(3).ravel()])
     parameters = np.linalg.lstsq(model.chain.T, wanted, rcond=None)[0]
     for _ in range(60):

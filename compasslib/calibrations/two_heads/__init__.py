@@ -135,7 +135,11 @@ def calibrate_pairs(pairs: PairedHeads, clock: ClockDifference, warnings: tuple[
 
 
 def read_heads(files: Sequence[str | Path], settings: Mapping[str, Any]) -> list[Record]:
-    """Read the records of head a and head b."""
+    """Read the records of head a and head b.
+
+    Raises:
+        InputError: there are not two files, or one cannot be read.
+    """
     if len(files) != 2:
         expected, advice = "two files, of head a and head b", "write file: [a.000, b.000]"
         raise InputError("file", expected=expected, found=f"{len(files)}", advice=advice)

@@ -22,7 +22,11 @@ DISABLED = "the search for unmodelled effects is switched off: diagnose: {enable
 def diagnose(
     kind: str, files: Sequence[str | Path], settings: Mapping[str, Any], options: Options | None = None
 ) -> Diagnosis:
-    """Diagnose a calibration's recording, files in the order of the YAML file; without options it is switched off."""
+    """Diagnose a calibration's recording, files in the order of the YAML file; without options it is switched off.
+
+    Raises:
+        InputError: a file that cannot be read.
+    """
     from compasslib import earthfield
     from compasslib.inference import diagnosis
 

@@ -59,7 +59,12 @@ class Jump:
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options | None = None) -> Diagnosis:
-    """Diagnose an observatory's declination, of IAGA-2002 files, against a field model plus a constant."""
+    """Diagnose an observatory's declination, of IAGA-2002 files, against a field model plus a constant.
+
+    Raises:
+        InputError: a file cannot be read, the place is not known, a date lies outside the model, or the field is not
+            that of the place.
+    """
     series = iaga2002.read(files)
     if why := observatory.too_short_reason(series):
         return diagnosis.insufficient(why)

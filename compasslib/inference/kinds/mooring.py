@@ -186,7 +186,15 @@ def diagnose(
     units: Mapping[str, str] | None = None,
     shared: comparison.SharedInformation | None = None,
 ) -> Diagnosis:
-    """Diagnose a mooring's overlap and other series at its times, (n,) each, against its fitted compass."""
+    """Diagnose a mooring's overlap and other series at its times, (n,) each, against its fitted compass.
+
+    Args:
+        logged: other series at the times of the pairs, such as ``temperature`` and ``supply_voltage``, (n,) each.
+        fit: the configured fit, whose simulation is diagnosed.
+        wide: pairs with a wider depth limit, for comparing the clocks; default ``pairs``.
+        units: units of logged series that this package does not define.
+        shared: information of other records of the same compass on its effects; ``fit`` contains that on coefficients.
+    """
     options = options or Options()
     wide = pairs if wide is None else wide
     searched = slice(None, None, 1 + len(pairs) // MOST_PAIRS)

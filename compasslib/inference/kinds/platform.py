@@ -114,7 +114,12 @@ def decorrelation_length(recorded_deg: Floats, correct_deg: Floats) -> int:
 def search_curve(
     series: ShortComparison, exact: ShortComparison | None, options: Options, more: tuple[type[Effect], ...] = ()
 ) -> tuple[ShortInference, list[Finding]]:
-    """Search beyond a curve, the exact compass unless the series fits clearly better: effects, large deviation."""
+    """Search beyond a curve, the exact compass unless the series fits clearly better: effects, large deviation.
+
+    Args:
+        exact: comparison with the exact compass; None where it does not fit.
+        more: effects that are tested in addition to those of reading and field.
+    """
     by_series = fit_hypothesis(series, ())
     by_exact = None if exact is None else fit_hypothesis(exact, ())
     clearly = by_series.effective_samples

@@ -42,7 +42,11 @@ UNTESTED = (
 
 
 def diagnose(files: Sequence[str | Path], settings: Mapping[str, Any], options: Options) -> Diagnosis:
-    """Diagnose the heading difference of two heads, of PD0 files a and b, against a rigid rotation."""
+    """Diagnose the heading difference of two heads, of PD0 files a and b, against a rigid rotation.
+
+    Raises:
+        InputError: not two files, or one that cannot be read.
+    """
     a, b = two_heads.read_heads(files, settings)
     farthest = float(two_heads.setting(settings, "max_clock_seconds", two_heads.MAX_CLOCK_OFFSET_S))
     start, end = (two_heads.setting(settings, *edge) for edge in (("start_s", -np.inf), ("end_s", np.inf)))

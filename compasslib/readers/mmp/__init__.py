@@ -84,6 +84,9 @@ def read(
     Without ``pressure_files`` (E or C files, or tables, whose format ``layout`` gives) the depth is unknown.
     ``start_offset_seconds`` is the time of the first scan minus profile start, for scans without a clock: a profile
     starts at the switch-on time in its A or E file, or else with the first row of its E file or table.
+
+    Raises:
+        InputError: a file is unreadable or of another kind, or none of the scans without a clock can be dated.
     """
     scans = read_scans(paths)
     companion = read_companions([Path(file) for file in pressure_files or ()], Layout.from_settings(layout))
@@ -274,7 +277,11 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def read_companions(paths: Sequence[Path], layout: Layout = DEFAULT_LAYOUT) -> Companion:
-    """Read the pressure of all files together."""
+    """Read the pressure of all files together.
+
+    Raises:
+        InputError: a file cannot be read or is of another kind.
+    """
     series = [_read_file(path, layout) for path in paths]
     clocked = _merge([each for each in series if each.clocked])
     known = {start.number for start in clocked.starts} - {UNKNOWN}

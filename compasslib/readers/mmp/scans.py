@@ -114,7 +114,11 @@ class Scans:
 
 
 def read_scans(paths: Sequence[Path]) -> Scans:
-    """Read the scans of several files, text or binary, in the order given."""
+    """Read the scans of several files, text or binary, in the order given.
+
+    Raises:
+        InputError: a file is unreadable or of neither kind, or no file holds a scan.
+    """
     if not paths:
         raise InputError("files", expected=EXPECTED, found="no file", advice="name the instrument's files")
     parts = [_read_file(path) for path in paths]

@@ -66,6 +66,9 @@ def read(
 
     Settings override what the file states; ``columns`` (role -> variable name) is for names that do not identify the
     variable, ``flags`` for flag meanings or values that are in no known vocabulary.
+
+    Raises:
+        InputError: a file is unreadable, or its variables, units, bins or reference north are undetermined.
     """
     settings = {
         "columns": {role: name for role, name in (columns or {}).items() if name is not None},

@@ -37,6 +37,9 @@ def read_flags(file: File, variable: Variable | None) -> Flags | None:
     """Read the OceanSITES flags of a variable along its dimensions of time and bins; None if it has none.
 
     An aggregate flag replaces all others.
+
+    Raises:
+        InputError: the flags have dimensions that the variable does not have.
     """
     if variable is None:
         return None
@@ -254,7 +257,11 @@ def _applied(holder: Attributes) -> list[tuple[str, float]]:
 
 
 def resolve_north(file: File, north: North) -> tuple[Floats, Floats | None]:
-    """Determine the declination to remove from velocities, and from headings unless these cannot be used, degrees."""
+    """Determine the declination to remove from velocities, and from headings unless these cannot be used, degrees.
+
+    Raises:
+        InputError: mooring file and netCDF file contradict each other, or leave the declination undetermined.
+    """
     reference, applied = file.reference, file.declination
     if applied is not None:
         if applied.velocity and (reference == TRUE or north.word == MAGNETIC):
@@ -297,7 +304,11 @@ def resolve_north(file: File, north: North) -> tuple[Floats, Floats | None]:
 
 
 def heading_alignment(file: File, heading: Variable | None) -> float:
-    """Determine the degrees to add to headings for the instrument's heading alignment EA."""
+    """Determine the degrees to add to headings for the instrument's heading alignment EA.
+
+    Raises:
+        InputError: a nonzero EA without ``heading_alignment`` in the mooring file, or the reverse.
+    """
     if heading is None:
         return 0.0
     stated, holders = file.alignment, (heading, file)

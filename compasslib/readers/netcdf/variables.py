@@ -146,6 +146,9 @@ def refuse_size(path: Path, variable: netCDF4.Variable) -> None:
     """Reject a variable that declares far more values than its file can contain.
 
     A few bytes can declare any number of values: those never written are not stored, and read as fill values.
+
+    Raises:
+        InputError: see ``files.refuse_large_arrays``.
     """
     stored = variable.chunking()  # chunks are decompressed as a whole
     width = variable.dtype.itemsize if isinstance(variable.dtype, np.dtype) else 8
@@ -164,7 +167,11 @@ def is_ocean_contour(path: Path) -> bool:
 
 
 def find_series(path: Path, nc: netCDF4.Dataset) -> tuple[netCDF4.Dataset | netCDF4.Group, dict[str, Any]]:
-    """Find the variables of a file and its attributes; of OceanContour's groups the averages, or else the bursts."""
+    """Find the variables of a file and its attributes; of OceanContour's groups the averages, or else the bursts.
+
+    Raises:
+        InputError: no group has velocities to east and north.
+    """
     if not nc.groups or nc.variables:
         return nc, attributes_of(nc)
     groups: dict[str, netCDF4.Group] = {}
@@ -238,7 +245,11 @@ class File(Attributes):
 
 
 def find(file: File, role: str, *dimensions: tuple[str | None, ...]) -> Variable | None:
-    """Find the variable of a role that spans one of several sets of dimensions; None without any."""
+    """Find the variable of a role that spans one of several sets of dimensions; None without any.
+
+    Raises:
+        InputError: the column map names a variable that does not exist, or several are equally likely.
+    """
     if name := file.columns.get(role):
         if name not in file.variables:
             shown = f"{name!r}; it has {', '.join(file.variables)}"
@@ -263,7 +274,11 @@ def find(file: File, role: str, *dimensions: tuple[str | None, ...]) -> Variable
 
 
 def values(file: File, role: str, variable: Variable) -> Floats:
-    """Read a variable in the units and sign of records, (n,) or (n, m), NaN where missing."""
+    """Read a variable in the units and sign of records, (n,) or (n, m), NaN where missing.
+
+    Raises:
+        InputError: unknown units, or it has other dimensions longer than 1.
+    """
     factors, unit, scale = FACTORS[role], variable.text("units").strip(), file.columns.get("scale")
     factor = factors.get(unit.lower())
     if not unit:
@@ -281,7 +296,11 @@ def values(file: File, role: str, variable: Variable) -> Floats:
 
 
 def arranged(file: File, variable: Variable, *last: str) -> Floats:
-    """Read a variable along time, bins and further dimensions, as far as it has them; others must have length 1."""
+    """Read a variable along time, bins and further dimensions, as far as it has them; others must have length 1.
+
+    Raises:
+        InputError: it has other dimensions longer than 1.
+    """
     names = variable.dimensions
     wanted = [name for name in (file.time, file.bins, *last) if name and name in names]
     if other := sorted(variable.spans - {*wanted}, key=names.index):
@@ -311,7 +330,11 @@ def time_variable(named: str | None, variables: Mapping[str, Variable]) -> Varia
 
 
 def read_times(file: File, variable: Variable) -> Floats:
-    """Read times as UTC seconds since 1970."""
+    """Read times as UTC seconds since 1970.
+
+    Raises:
+        InputError: the unit or calendar is not one of real-world times.
+    """
     unit, calendar = _unit(variable), variable.text("calendar").lower()
     value = arranged(file, variable).ravel()
     if variable.name == DATENUM:
