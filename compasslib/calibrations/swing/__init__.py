@@ -148,6 +148,8 @@ def _principal_courses(swing: Swing) -> dict[str, Any]:
     marks = [(c, float(angles.difference(t - declination, c))) for c, t in swing.marks]
     return {
         "cardinal": principal,
+        "pseudo_deviation_deg": psi,
+        "cardinal_bound_deg": adjustment.error_bound_deg(ratio),
         "residual_b_c": adjustment.residual_b_and_c(principal, marks, ratio, speeds) or None,
         "pseudo_minus_true": minus_true,
         "speed_kn": speed,
