@@ -301,7 +301,7 @@ def main() -> None:
     asked = parser.parse_args()
     if asked.moored is not None:
         made = [moored(record, kind, asked.moored) for record in INSTRUMENTS for kind in ("listed", "unlisted", "null")]
-        files = [injected.file_of(record) for record in INSTRUMENTS]
+        files = [real.FILES[record] for record in INSTRUMENTS]
         kept = seal.source(f"benchmarks/power.py --moored {asked.moored}", files) | {"moorings": made}
         MOORED.write_text(json.dumps(kept, ensure_ascii=False) + "\n")
         return
