@@ -140,7 +140,7 @@ figures.formats: [png, pdf] | figures sections calibration_figures joined_figure
 quality.percent_good: 50 | read
 attributes.institution: Sea | correct grid report provenance
 config/moorings/M1.yaml
-latitude: 65.4 | read overlap correct grid report
+latitude: 65.4 | read overlap correct grid cruise_figures report
 water_depth: 900 | read correct grid cruise_figures report
 start: 2007-09-04T03:00Z | read overlap report
 end: 2007-09-06 | read overlap report
