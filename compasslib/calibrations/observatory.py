@@ -135,7 +135,7 @@ def station_field(series: FieldSeries, settings: Mapping[str, Any], where: str) 
 
 
 def check_field(series: FieldSeries, place: tuple[float, float]) -> list[str]:
-    """Warn if a month's medians are not the model's at the place (latitude, longitude); refuse the impossible.
+    """Warn if the medians of a month of a file are not the model's at its place, (latitude, longitude), if known.
 
     Raises:
         InputError: a mistake that affects the declination is identified, or the field is impossible at that place.
@@ -303,7 +303,11 @@ def three_hour_rms(time_s: Floats, off_deg: Floats) -> tuple[Floats, Floats]:
 
 
 def find_storms(time_s: Floats, off: Floats, limit_deg: float) -> tuple[Bools, list[tuple[float, ...]], float, int]:
-    """Detect storms, (n,): their mask; begin, end, rms and worst rms of each; median disturbance; number of spikes."""
+    """Detect storms in the declination without level and quiet-day curve, (n,) degrees.
+
+    Returns:
+        Mask of disturbed values; begin, end, rms and worst three-hour rms of each storm; median disturbance; spikes.
+    """
     size, without_largest = three_hour_rms(time_s, off)
     ordinary = float(np.median(size)) if np.ptp(time_s) >= MIN_DAYS * DAY_S else 0.0
     limit = max(limit_deg, 3.0 * ordinary)

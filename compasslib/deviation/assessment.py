@@ -28,7 +28,7 @@ from compasslib.types import DAY_S, Complexes, Floats
 BLOCK_S = 10 * DAY_S  # of pairs held out together
 FOLDS = 2
 Counts = NDArray[np.int_]
-BIN_DEG = 5.0
+BIN_DEG = 5.0  # of histograms.csv
 BINS = round(360.0 / BIN_DEG)
 # Lower edge of the first bin of each quantity in histograms.csv, degrees.
 QUANTITIES = {

@@ -26,9 +26,9 @@ from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import DAY_S, Floats
 
 COLOURS = {
-    **{"smith": page.GREEN, "exact": page.SKY, "polynomial": page.ORANGE},
-    **{"one_cycle": page.PURPLE, "empirical": page.BLUE},
-}
+    "smith": page.GREEN, "exact": page.SKY, "polynomial": page.ORANGE, "one_cycle": page.PURPLE,
+    "empirical": page.BLUE,
+}  # fmt: skip
 PALE_BAND: dict[str, Any] = page.BAND | {"alpha": 0.22}
 LIMIT: dict[str, Any] = {"color": page.VERMILION, "linewidth": 0.8, "linestyle": "--"}
 EDGE: dict[str, Any] = {"color": page.GREY, "linewidth": 1.0, "linestyle": (0, (4, 2))}
@@ -45,9 +45,9 @@ GAMMA, DEVIATION, FILE_UNIT = "Recorded heading γ (° magnetic)", "Deviation β
 def draw_figure(figure: str, path: str | Path, shown: StoredCalibration) -> None:
     """Draw one figure of a calibration: ``compared``, or one of ``calibrations.FIGURES`` or ``calibrations.KINDS``."""
     draw = {
-        **{"deviation": draw_deviation, "certificate": draw_certificate, "compared": draw_compared},
-        **{"tilt": draw_tilt, "magnetometer": draw_magnetometer, "series": draw_series},
-    }
+        "deviation": draw_deviation, "certificate": draw_certificate, "compared": draw_compared,
+        "tilt": draw_tilt, "magnetometer": draw_magnetometer, "series": draw_series,
+    }  # fmt: skip
     draw[figure](path, shown)
 
 

@@ -80,7 +80,10 @@ class SolvedIron:
 
     @property
     def moved(self) -> Floats:
-        """Iron changed by one σ of vertical iron, assumed as strong as horizontal iron, that a mean tilt hides."""
+        """Iron changed by one standard deviation of the vertical hard iron, (12,), which a mean tilt does not show.
+
+        It is assumed as strong as the horizontal iron.
+        """
         if not (self.choice.level and self.log.tilted):
             return self.iron
         hard = float(np.hypot(*self.iron[:2]))
@@ -263,7 +266,10 @@ def _sources(solved: SolvedIron, table: DeviationTable, series: Floats) -> tuple
 
 
 def exact_coefficients(iron: Floats, dip_ratio: float) -> Floats:
-    """Compute A..E of the exact compass of a level instrument, (5,), by the downward over the horizontal field."""
+    """Compute A..E of the exact compass of a level instrument, (5,).
+
+    ``dip_ratio`` is the downward over the horizontal field; 0 if the modulus is that of the horizontal field alone.
+    """
     horizontal = 1.0 / np.hypot(1.0, dip_ratio)
     soft = np.linalg.inv(iron[3:].reshape(3, 3))
     return compass.level_coefficients(soft, iron[:3], horizontal_nT=horizontal, vertical_nT=dip_ratio * horizontal)
@@ -329,7 +335,7 @@ def align_vertical(iron: Floats, readings: ScaledReadings, down: Floats) -> tupl
 
 
 def _align_to_heading(solved: SolvedIron) -> SolvedIron:
-    """Rotate the iron about the vertical to a logged heading that follows the corrected rather than the raw axes."""
+    """Rotate the iron about the vertical to a logged heading that follows the corrected axes better than raw ones."""
     logged = solved.log.heading_deg
     if logged is None or not solved.headed:
         return solved

@@ -219,7 +219,10 @@ class ModelChoice:
 
 
 def choose_model(log: Log, body: Floats) -> ModelChoice | str:
-    """Choose the model that readings (n, 3) in the body frame determine, in space or level; else the reason."""
+    """Choose the model that readings (n, 3) in the body frame determine, an ellipsoid, else one for level platforms.
+
+    Where no model can be fitted, the reason is returned instead.
+    """
     return (_choose_spatial(body) if log.has_z else None) or _choose_level(log, body)
 
 

@@ -123,7 +123,10 @@ def _compose(
 
 
 def _read_acm(paths: Sequence[Path], withhold: Collection[str]) -> Log:
-    """Read direction cosines (forward, port, up), tilts and heading of a Falmouth 3D-ACM, without aliased scans."""
+    """Read direction cosines (forward, port, up), tilts and heading of a Falmouth 3D-ACM.
+
+    The first scan of a profile is aliased and left out. The logger levels each axis separately.
+    """
     known = {*HEADERS, *HEADERS.values(), "time_utc"}
     needed = {"x", "y", HEADERS["x"], HEADERS["y"]}
     if wrong := sorted(set(withhold) - (known - needed)):

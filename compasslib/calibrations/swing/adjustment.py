@@ -75,7 +75,11 @@ def error_bound_deg(ratio: float) -> float:
 
 
 def set_and_drift_terms(ratio: float, set_deg: float) -> dict[str, float]:
-    """Compute x, y and the terms of D and E by drift over ship's speed and magnetic set, MM (22), (37), (43)."""
+    """Compute the corrections of the coefficients for set and drift, MM (22), (37) and (43).
+
+    B = B bar + x, C = C bar - y, E = E bar + xy, D = D bar - (x2 - y2)/2. The ratio is that of drift to the ship's
+    speed; the set is the magnetic direction towards which the water flows.
+    """
     (sine, cosine), (sine2, cosine2) = angles.sin_cos(set_deg), angles.sin_cos(2.0 * set_deg)
     first, second = ratio / angles.DEGREE, error_bound_deg(ratio)
     terms = {"x": first * cosine, "y": first * sine, "E": second * sine2, "D": second * cosine2}

@@ -1,6 +1,7 @@
 """Observation model of a swing: compass, declination, set and drift of the water, delay of the courses.
 
-Velocity over ground minus the drift is that through the water, along the true heading and of the ship's log's speed.
+Velocity over ground minus the drift is the velocity through the water: its direction is the true heading, its size the
+speed of the ship's log, where there is one.
 """
 
 from __future__ import annotations
@@ -69,7 +70,11 @@ class SwingFit:
 
 
 def solve(blocks: Sequence[Block], mean: Floats, sigma: Floats, start: Floats) -> SwingFit:
-    """Fit the parameters to all blocks by Gauss-Newton, with a prior mean and (in)finite sigma of each, (k,)."""
+    """Fit the parameters to all blocks by Gauss-Newton, with a prior mean and standard deviation of each, (k,).
+
+    The scatter of the first block is added in quadrature to the known ``sigma`` of others. The standard deviation is
+    infinite for a parameter without a prior.
+    """
     parameters, noises = start.astype(float), dict[str, SwingNoise]()
     for _ in range(4):
         before, noises = noises, {}
@@ -142,7 +147,10 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Swing:
-    """Observations of a swing, inputs, and equations: parameters to residuals (n,) and their derivatives (n, k)."""
+    """Observations of a swing with the known inputs of the model, and their observation equations.
+
+    An equation maps the parameters to residuals, (n,), and their derivatives, (n, k).
+    """
 
     observed: Observations
     options: SwingOptions

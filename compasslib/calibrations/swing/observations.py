@@ -213,10 +213,10 @@ def moving_average(values: Floats, time_s: Floats, window_s: float) -> Floats:
 
 
 def rate_and_heading(time_s: Floats, turned_deg: Floats, slow: Bools) -> tuple[Floats, Floats]:
-    """Compute the rate of turn, a slope over one minute, and headings averaged over 20 s, (n,) each, of unwrapped ones.
+    """Compute the rate of turn, a slope over one minute, and headings averaged over 20 s, (n,) each.
 
-    In runs shorter than 20 s, they are the difference over a minute and the reading. Differences of readings would
-    share the compass noise with the deviation, which would look like a delay.
+    In runs shorter than 20 s, the rate is the difference over a minute and the heading is the reading. Differences of
+    readings would share the compass noise with the deviation, which would look like a delay.
     """
     apart = (np.diff(time_s) > APART_S) | (np.diff(slow.astype(int)) != 0)
     ends = np.clip(np.stack([time_s - STEADY_S / 2.0, time_s + STEADY_S / 2.0]), time_s[0], time_s[-1])
