@@ -4,6 +4,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import reduce
@@ -354,6 +355,20 @@ def test_comment_reruns_the_manifest_only(done):
     assert planned(done).keys() == {("provenance",)}
     file.write_text(before)
     assert planned(done) == {}
+
+
+def test_results_of_parts_are_merged_without_running_their_moorings_again(tmp_path):
+    for name in ("M1", "M2"):
+        part = cruise(tmp_path / name, (name,), n=HOURS)
+        (part / "config/config.yaml").write_text("moorings: config/moorings\ndiagnose: {enabled: false}\n")
+        completed(part, drawn=False)
+        shutil.copytree(part, tmp_path / "whole", ignore=shutil.ignore_patterns(".snakemake"), dirs_exist_ok=True)
+    pages = {"usable", "summary", "cruise_figures", "report", "provenance"}
+    again = ("--forcerun", "usable")
+    assert {job[0] for job in planned(tmp_path / "whole", *again)} == pages
+    completed(tmp_path / "whole", *again, drawn=False)
+    rows = (tmp_path / "whole/results/summary.csv").read_text().splitlines()[1:]
+    assert [row.split(",")[0] for row in rows] == ["M1", "M2"]
 
 
 def replaced(path: Path, old: str, new: str) -> None:
