@@ -20,7 +20,6 @@ from compasslib.inference.finding import (
     BinnedResidual,
     Detection,
     Finding,
-    RankedEffect,
     Unexplained,
     curve_json,
 )
@@ -58,7 +57,6 @@ class Diagnosis:
     #: detection limit of each effect, visible size, degrees rms
     detectable_deg: Mapping[str, float | None] = field(default_factory=dict)
     detection: Detection | None = None  #: evidence of any effect, ranked among surrogates; None if not computed
-    hypotheses: tuple[RankedEffect, ...] = ()  #: effects that were tested alone, highest score first
     warnings: tuple[str, ...] = ()  #: sentences for the summary
     information: RecordInformation | None = None  #: what this record contributes to others of the same compass
     experiments: tuple[tuple[str, float], ...] = ()  #: (observation, probability that it leaves a single explanation)
@@ -100,7 +98,6 @@ class Diagnosis:
             "fit": None if self.fit is None else self.fit.to_json(),
             "detection": None if self.detection is None else self.detection.to_json(),
             "detectable_deg": dict(self.detectable_deg),
-            "hypotheses": [vars(ranked) for ranked in self.hypotheses],
             "warnings": list(self.warnings),
         }
 
@@ -144,7 +141,6 @@ class Outcome:
     noise: Mapping[str, tuple[float, float]]  # (value, standard error) by parameter
     current: tuple[CurrentStatement, ...] = ()
     current_probability: float = 0.0  # that the effect of the current exceeds ``min_effect_deg``
-    ranked: tuple[RankedEffect, ...] = ()  # effects tested alone
     detection: Detection | None = None  # evidence of any effect
     deniable: bool = False  # whether a finding is withdrawn if held-out readings refute it
 
@@ -197,9 +193,6 @@ def combine_outcomes(
     phrases += [SEPARATED_BY] * any(item.probability < SURE for item in current)
     phrases += [separated_by] * bool(separated_by and any(item.side == "compass" for item in merged))
     compared = [part.comparison.what for part in parts] if not merged and left is None else []
-    ranked = dict[str, RankedEffect]()  # each effect once
-    for effect in sorted((effect for part in parts for effect in part.ranked), key=lambda effect: -effect.score):
-        ranked.setdefault(effect.effect, effect)
     detected = [part.detection for part in parts if part.detection is not None]
     return Diagnosis(
         verdict=overall_verdict(merged, left, current),
@@ -210,7 +203,6 @@ def combine_outcomes(
         negligible=tuple({name: size for name, size in small if size > LISTED_SHARE * options.min_effect_deg}.items()),
         why=f"The residual of {wording.join_names(compared, ' and ')} is noise." if compared else "",
         curves=tuple(curve for part in parts for curve in part.curves(merged, left)),
-        hypotheses=tuple(ranked.values()),
         detection=min(detected, key=lambda item: (item.rank_p or 1.0, -item.statistic), default=None),
         sides=sides,
         noise=parts[0].noise if parts else {},

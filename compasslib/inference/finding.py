@@ -344,16 +344,6 @@ class Unexplained:
         }
 
 
-@dataclass(frozen=True)
-class RankedEffect:
-    """An effect of the catalogue tested alone, whether it was finally selected or not."""
-
-    effect: str  #: name in the catalogue
-    score: float  #: log Bayes factor over no effect, sizes and dates marginalized
-    rms_effect_deg: float  #: visible size, degrees rms
-    probability: float  #: posterior probability that it acts, alone or with others
-
-
 def span_json(span_s: tuple[float, float] | None) -> dict[str, str] | None:
     """Encode a time span for diagnosis.json, None for a recording without a clock."""
     if span_s is None:

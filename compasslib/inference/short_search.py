@@ -28,7 +28,6 @@ from compasslib.inference.finding import (
     Finding,
     HeldOut,
     Parameter,
-    RankedEffect,
     Unexplained,
     compare_names,
 )
@@ -44,7 +43,6 @@ from compasslib.inference.short_model import (
 from compasslib.statistics.least_squares import robust_width
 from compasslib.statistics.noise import arma_innovations, arma_series
 from compasslib.statistics.resampling import resample_blocks
-from compasslib.statistics.whitening import orthonormal_basis
 from compasslib.types import Floats
 
 Terms = tuple[Effect, ...]  # at zero size
@@ -76,7 +74,6 @@ class ShortInference:
     places: tuple[ShortPlace, ...]  # of each term
     further: ShortPlace  # of one more effect
     detection: Detection | None  # of any effect
-    alone: tuple[RankedEffect, ...]
 
     def sides(self, dropped: Collection[str] = ()) -> dict[str, float]:
         """Compute the probability that each side acts, the first of SIDES_IN_ORDER if several do, and of none."""
@@ -99,7 +96,6 @@ def search_effects(comparison: ShortComparison, options: Options) -> ShortInfere
         places=tuple(search.weigh((*entered[:k], *entered[k + 1 :])) for k in range(len(entered))),
         further=search.further(entered),
         detection=search.further(()).detection,
-        alone=_rank_alone(search.weigh(())),
     )
 
 
@@ -225,19 +221,6 @@ class _Search:
         return sum(float(np.logaddexp.reduce(place.logs[place.alike(type(term))])) for place, term in each)
 
 
-def _rank_alone(place: ShortPlace) -> tuple[RankedEffect, ...]:
-    """Rank the effects, each alone."""
-    ranked, options = [], place.evidence.options
-    for name, chance in place.names.items():
-        alike = [k for k, option in enumerate(options) if option.name == name]
-        share = np.logaddexp.reduce([options[k].share for k in alike])
-        columns = options[max(alike, key=place.logs.__getitem__)].columns
-        basis = orthonormal_basis(place.base.projected(columns))
-        size_deg = float(np.linalg.norm(basis.T @ place.base.evident) / np.sqrt(len(basis)))
-        ranked.append(RankedEffect(name, float(np.logaddexp.reduce(place.logs[alike]) - share), size_deg, chance))
-    return tuple(sorted(ranked, key=lambda effect: -effect.score))
-
-
 def _zeros(state: FittedHypothesis) -> Terms:
     return tuple(term.at(0.0 * term.values) for term in state.terms)
 
@@ -305,7 +288,6 @@ def build_outcome(inferred: ShortInference, min_effect_deg: float) -> Outcome:
         small=tuple((_along(fitted, k), sizes[k]) for k in unlisted if sizes[k] < min_effect_deg),
         curves=curves,
         noise={"white_deg": (fitted.scale_deg, scatter)},
-        ranked=inferred.alone,
         detection=inferred.detection,
         deniable=True,
     )

@@ -347,11 +347,10 @@ def describe_limits(diagnosis: Mapping[str, Any]) -> tuple[str, ...]:
     for entry in diagnosis["not_testable"]:
         if entry["effect"] != LARGE:
             reasons.setdefault(entry["effect"], {})[entry["why"].rstrip(".")] = None
-    tested = {entry["effect"] for entry in diagnosis.get("hypotheses") or []}  # tested in another form
-    closed: dict[tuple[bool, str], list[str]] = {}
+    closed: dict[str, list[str]] = {}
     for effect, whys in reasons.items():
-        closed.setdefault((effect in tested, ", ".join(whys)), []).append(words.plain(effect))
-    untested = [(partly, effects, why) for (partly, why), effects in closed.items()]
+        closed.setdefault(", ".join(whys), []).append(words.plain(effect))
+    untested = [(effects, why) for why, effects in closed.items()]
     return words.paragraphs("diagnosis", "limits", d=diagnosis, untested=untested)
 
 
@@ -412,7 +411,7 @@ def calibration_section(results: CalibrationResults, root: Path) -> ReportSectio
     tables = [each for name in TABLES for each in table("calibration", name, c=content)]
     limits = words.paragraphs("calibration", "limits", c=content)
     if diagnosis:
-        tables += [each for name in ("detectable", "hypotheses") for each in table("diagnosis", name, d=diagnosis)]
+        tables += table("diagnosis", "detectable", d=diagnosis)
         limits += describe_limits(diagnosis)
     figures = collect_figures(results.folder, root, ["calibration"], c=content, d=diagnosis, about=diagnosis_caption)
     return ReportSection(

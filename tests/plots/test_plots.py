@@ -215,8 +215,7 @@ def test_diagnosis_of_many_effects_with_long_names_is_legible(tmp_path):
     proof = {"rms_before_deg": 4.0, "rms_after_deg": 3.0, "p_value": 0.001}
     found = [{"effect": LONG, "side": "compass", "alternatives": [], "text": "", "heldout": proof}] * 14
     curves = [residuals(("heading", "speed", "time")[k % 3], 5.0, 355.0) | {"compared": LONG} for k in range(6)]
-    ranked = [{"effect": LONG, "score": 3.0**k} for k in range(14)]
-    content = {"verdict": "explained", "findings": found, "unexplained": None, "curves": curves, "hypotheses": ranked}
+    content = {"verdict": "explained", "findings": found, "unexplained": None, "curves": curves}
     page = saved(lambda: diagnosis.draw_diagnosis(tmp_path / "d.png", content, dated=False))
     check_page(tmp_path / "d.png", page)
     assert all(axes.bbox.width >= 0.45 * page.bbox.width for axes in page.axes)
