@@ -63,6 +63,7 @@ DeclinationError = _north(
 
 # Between two instruments of a mooring: the water, the reference, clocks.
 USUAL_DEG = 6.0  # prior of each harmonic: real directional shear ranged from +22 to -7 degrees over flow directions
+HIGHER_VEER_DEG = 1.3  # of the third and fourth: amplitudes of 1.7 and 1.8 degrees in 16 pairs of bins (eh2)
 
 _veer = partial(additive, name="current_veer", side="water", acts_on="water")
 _reference = partial(additive, side="reference", acts_on="water")  # turns the reference's directions like a veer
@@ -94,12 +95,20 @@ VeerWithDepth = _veer(
 )  # fmt: skip
 VeerWithDirection = _veer(
     "VeerWithDirection", "The directional shear depends on the direction of the flow.",
-    driver="flow_direction", needs=("flow_east", "flow_north", "flow_sine2", "flow_cosine2"),
-    literature="steering by topography, two harmonics; lower minus upper direction, clockwise",
+    driver="flow_direction",
+    needs=(
+        "flow_east", "flow_north", "flow_sine2", "flow_cosine2", "flow_sine3", "flow_cosine3", "flow_sine4",
+        "flow_cosine4",
+    ),
+    literature="steering by topography, four harmonics; lower minus upper direction, clockwise",
     sine_deg=parameter("degrees", "part with the sine of the flow's direction", 1.0, usual=USUAL_DEG),
     cosine_deg=parameter("degrees", "part with its cosine", 1.0, usual=USUAL_DEG),
     sine2_deg=parameter("degrees", "part with the sine of its double", 1.0, usual=USUAL_DEG),
     cosine2_deg=parameter("degrees", "part with the cosine of its double", 1.0, usual=USUAL_DEG),
+    sine3_deg=parameter("degrees", "part with the sine of its triple", 1.0, usual=HIGHER_VEER_DEG),
+    cosine3_deg=parameter("degrees", "part with the cosine of its triple", 1.0, usual=HIGHER_VEER_DEG),
+    sine4_deg=parameter("degrees", "part with the sine of its quadruple", 1.0, usual=HIGHER_VEER_DEG),
+    cosine4_deg=parameter("degrees", "part with the cosine of its quadruple", 1.0, usual=HIGHER_VEER_DEG),
 )  # fmt: skip
 
 # Motion of the mooring: the sphere is displaced as the flow changes.

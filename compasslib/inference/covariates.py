@@ -42,7 +42,7 @@ SHEAR_REACH = 6  # samples to either side over which shear persists while instru
 NEIGHBOURS = (2, 3, 4, 5, 6, 7)  # lags in samples, before and after; at lag 1 the residual's noise may be shared
 FAINTEST = 0.03  # relative cutoff of singular values: flow from a narrow arc hardly separates the harmonics
 CLIPPED_RAD = 0.6  # clip of the angle between both directions, for its autocorrelation: slow flow has any direction
-FLOW_NAMES = ("flow_east", "flow_north", "flow_sine2", "flow_cosine2")
+FLOW_NAMES = ("flow_east", "flow_north", *(f"flow_{wave}{k}" for k in (2, 3, 4) for wave in ("sine", "cosine")))
 # ap of every third of Kp, from 0 to 9 (Bartels 1957)
 AP_OF_KP = np.array([
     0, 2, 3, 4, 5, 6, 7, 9, 12, 15, 18, 22, 27, 32, 39, 48, 56, 67, 80, 94, 111, 132, 154, 179, 207, 236, 300, 400.0
@@ -312,7 +312,7 @@ def _body_frame_flow(
     The heading is relative to true north, the speed averaged over some hours, the direction of the flow predicted.
     """
     (sine, cosine), (sine2, cosine2) = (angles.sin_cos(k * heading_deg) for k in (1.0, 2.0))
-    east, north, flow_sine2, flow_cosine2 = (of_flow[name] for name in FLOW_NAMES)
+    east, north, flow_sine2, flow_cosine2 = (of_flow[name] for name in FLOW_NAMES[:4])
     slow = np.maximum(speed, SLOWEST_M_S)
     return {
         f"{whose}_flow_sine": (east * cosine - north * sine) / slow,
@@ -322,10 +322,10 @@ def _body_frame_flow(
 
 
 def _harmonics(flow: NDArray[np.complex128]) -> Floats:
-    """Compute sine and cosine of the flow's direction and of twice it, (n, 4); 0 where the velocity is 0."""
-    size = np.abs(flow)
-    unit = np.where(size > 0.0, flow / np.where(size > 0.0, size, 1.0), 0.0)
-    return np.column_stack([unit.real, unit.imag, (unit**2).imag, -(unit**2).real])
+    """Compute sine and cosine of the flow's direction and of its multiples up to four, (n, 8); 0 without velocity."""
+    direction = angles.direction(flow.real, flow.imag)
+    waves = np.column_stack([wave for k in range(1, 5) for wave in angles.sin_cos(k * direction)])
+    return np.where(np.abs(flow)[:, None] > 0.0, waves, 0.0)
 
 
 def _scale_prediction(harmonics: Floats, around: Floats, memory: float) -> Floats:
