@@ -28,6 +28,7 @@ MOST_EFFECTS = 3  # in a record; limits the run time
 UNLIKELY = 0.25
 # Kinds of noise for surrogates and covariances: fewest, and least probability relative to the likeliest.
 FEWEST_NOISES, LEAST_PROBABILITY = 8, 1e-3
+NEGLIGIBLE = 8.0  # log likelihood below the best from which a date, or a kind of noise, is left out
 SIDES_IN_ORDER = ("compass", "clock", "reference", "water")
 
 
@@ -143,6 +144,15 @@ class Evidence:
         probability = self.noise_probability()
         most = max(FEWEST_NOISES, int(np.sum(probability > LEAST_PROBABILITY)))
         return [self.noises[w] for w in np.argsort(-probability)[:most]]
+
+    @property
+    def possible_noises(self) -> list[Any]:
+        """The kinds of noise that are not negligible without a further effect or with any option, in order."""
+        none = (self.none + self.log_prior)[:, 0]
+        shares = np.array([option.share for option in self.options])
+        best = np.max(none[:, None] + self.factors[:, :, 0] + shares, axis=1, initial=-np.inf)
+        possible = (none > none.max() - NEGLIGIBLE) | (best > best.max() - NEGLIGIBLE)
+        return [noise for noise, stays in zip(self.noises, possible, strict=True) if stays]
 
     def weighted_noises(self) -> Iterator[tuple[float, Any]]:
         """Yield the kinds of noise that are not improbable without a further effect, with weights that sum to 1."""

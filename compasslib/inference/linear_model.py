@@ -36,6 +36,7 @@ from compasslib.inference.design import FittedModel
 from compasslib.inference.evidence import (
     DATE_MARGIN,
     MOST_DATES,
+    NEGLIGIBLE,
     Evidence,
     Option,
     block_of,
@@ -65,7 +66,6 @@ LISTED = {  # compositions that classes of the catalogue represent
 COARSEST_S = 10 * DAY_S  # least first spacing of dates
 MOST_PLACES, CLOSE_S = 2, 12 * DAY_S  # places that are refined, and their least distance
 STEEP = 1.0  # difference in log likelihood between neighbouring dates from which dates are tried between them
-NEGLIGIBLE = 8.0  # log likelihood below the best from which a refined date is left out
 LEAST_TURN_DEG = 1e-9  # rms, below which columns are left out
 
 Entered = Sequence[tuple[int, float]]  # index and amplitude, degrees, of options that are part of the noise
@@ -205,6 +205,11 @@ class LinearModel:
         none, factors = zip(*((marginal.none, marginal.evidence.astype(np.float32)) for marginal in each), strict=True)
         prior = np.array([[slow_noise.log_prior] for slow_noise in slow_noises])
         return Evidence(self.options, tuple(slow_noises), prior, np.array(none), np.array(factors))
+
+    def likeliest_noise(self, slow_noises: Sequence[SlowNoise], entered: Entered = ()) -> SlowNoise:
+        """Select the likeliest slow noise beside the entered options, without weighing further ones."""
+        logs = [each.log_prior + float(self.marginalized(each, entered).none[0]) for each in slow_noises]
+        return slow_noises[int(np.argmax(logs))]
 
     def draw(
         self, evidence: Evidence, count: int, seed: int, entered: Entered = (), residual: Floats | None = None

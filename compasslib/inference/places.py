@@ -86,7 +86,7 @@ def settle(
             other = before[kinds]
             both = settled.averaged(other), other.averaged(settled)
             return max(both, key=Settled.held)
-        slow_noise = model.weigh(slow_noises, better).likeliest_noise()
+        slow_noise = model.likeliest_noise(slow_noises, better)
         fitted, amplitudes = fit_terms(fitted, model, better, slow_noise), [size for _, size in better]
     return settled
 
@@ -142,7 +142,7 @@ def with_likeliest_noise(fitted: FittedModel, slow: SlowNoiseBasis, slow_noises:
     """Add the likeliest slow noise without effects to the noise model of a fitted model."""
     white = fitted.whiten_and_project(slow.columns.astype(np.float32)) * np.float32(fitted.response / fitted.sigma)
     model = LinearModel(fitted, (), slow, white, 1.0)
-    return with_slow_noise(fitted, fitted, slow, model.weigh(slow_noises).likeliest_noise())
+    return with_slow_noise(fitted, fitted, slow, model.likeliest_noise(slow_noises))
 
 
 @dataclass(frozen=True)

@@ -220,6 +220,7 @@ def infer(initial: FittedModel, odds: float, surrogates: int) -> Inference:
         settled = settle(fitted, slow, slow_noises, amplitudes, odds)
         model, entered, kinds = settled.model, list(settled.entered), frozenset(settled.kinds)
         evidence = model.weigh(slow_noises, entered)
+        slow_noises = evidence.possible_noises
         detections = [*detections[: len(entered)], detect(model, evidence, entered, surrogates, seed + len(entered))]
         further = Place.weigh(evidence, odds, [k for k, _ in entered])
         removed = kinds in visited  # the effect that entered did not hold once it was fitted
