@@ -5,7 +5,7 @@ all options; compass, nuisances, slow noise, the current and the other effects a
 adds to the log score; the amplitude is the size of the held-out residual along the predicted turn. Surrogates are drawn
 as for the detection and processed alike: records of the fitted noise with the real covariates, without the effect.
 Folds of blocks of days are interleaved, so that each contains the whole range of a driver; effects that are functions
-of time are tested on fifths of the record. Every fold is predicted by the others and predicts them: a regression on the
+of time alone, unlike changed iron, whose turn depends on the heading, are tested on fifths of the record. Every fold is predicted by the others and predicts them: a regression on the
 predictions as if they were given would have a slope of 1 - 1.25/z^2 for five equal folds whatever the noise. Slope and
 amplitude are therefore calibrated by records simulated with the effect.
 """
@@ -32,6 +32,7 @@ from compasslib.types import Floats
 
 FREE = 1e5  # prior variance of coefficients of compass and nuisances, in units of one sample's noise
 CLEAR_Z = 4.0  # signal-to-noise ratio of the predicted turn from which a slope is informative
+TURNING_WITH_HEADING = ("field", "lobe")  # targets on which a change in time is no function of time alone
 RECORDS = 200  # simulated with the effect to calibrate the slope
 
 
@@ -39,7 +40,8 @@ def cross_validate(inferred: Inference, k: int, surrogates: int) -> HeldOut:
     """Score the k-th term on held-out days, and rank its gain among surrogates of the record without it."""
     model, place = inferred.model, inferred.places[k]
     time_s, option = inferred.fitted.comparison.scene.time_s, inferred.chosen[k]
-    in_fifths = model.options[option].block[2] == "time"
+    _, target, driver = model.options[option].block
+    in_fifths = driver == "time" and target not in TURNING_WITH_HEADING
     block = blocks_by_span(time_s, finding.HELD_OUT_BLOCK_S)
     fold = blocks_by_count(time_s, finding.FOLDS) if in_fifths else block % finding.FOLDS
     each, rms_deg = _fold_gains(inferred.fitted, k, fold)

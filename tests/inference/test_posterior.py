@@ -85,7 +85,8 @@ def test_an_effect_at_its_limit_is_detected_in_nine_of_ten_simulations(iron):
     planted = drawn + model.white[:, model.products.columns(k)] @ direction.astype(np.float32)
     score = model.scores(planted)
     statistic = model.weigh(found.further.evidence.likely_noises, found.entered, score).statistic
-    assert 0.8 < np.mean(statistic >= max(last.threshold, search.LIKELY)) < 0.97
+    # The limit counts the evidence of the effect alone, detection that of any option, which is larger.
+    assert 0.8 < np.mean(statistic >= max(last.threshold, search.LIKELY)) < 0.99
 
 
 def test_a_step_is_dated_to_the_sample():
@@ -181,12 +182,12 @@ def test_held_out_days_confirm_a_true_effect(lobes, monkeypatch):
     assert 2.0 < proof.amplitude.low < proof.amplitude.fitted_elsewhere < proof.amplitude.high < 4.0
 
 
-def test_an_effect_along_time_is_held_out_in_fifths(iron):
+def test_changed_iron_is_held_out_in_blocks(iron):
     _, found = iron
     assert found.model.options[found.chosen[0]].block[2] in ("time", "voltage")
     proof = heldout.cross_validate(found, 0, surrogates=0)
     assert proof.placebo.rank_p is None and not proof.confirmed
-    assert proof.method == ("fifths" if found.model.options[found.chosen[0]].block[2] == "time" else "interleaved")
+    assert proof.method == "interleaved"
 
 
 def compass_off_by(deg: float, weight: float, others: tuple[CompassSeries, ...] = ()) -> CompassSeries:

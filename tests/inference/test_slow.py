@@ -47,3 +47,4 @@ def test_slow_veer_alone_is_no_finding():
 def test_a_large_slip_is_found_despite_slow_veer():
     found = told(1.5, 5, slip_deg=8.0)
     assert "heading_slip" in {name for one in found.findings for name in (one.effect, *one.alternatives)}
+    assert found.findings[0].driver == "time" and found.findings[0].held_out.method == "fifths"
