@@ -5,9 +5,10 @@ all options; compass, nuisances, slow noise, the current and the other effects a
 adds to the log score; the amplitude is the size of the held-out residual along the predicted turn. Surrogates are drawn
 as for the detection and processed alike: records of the fitted noise with the real covariates, without the effect.
 Folds of blocks of days are interleaved, so that each contains the whole range of a driver; effects that are functions
-of time alone, unlike changed iron, whose turn depends on the heading, are tested on fifths of the record. Every fold is predicted by the others and predicts them: a regression on the
-predictions as if they were given would have a slope of 1 - 1.25/z^2 for five equal folds whatever the noise. Slope and
-amplitude are therefore calibrated by records simulated with the effect.
+of time alone, unlike changed iron, whose turn depends on the heading, are tested on fifths of the record. Every fold is
+predicted by the others and predicts them: a regression on the predictions as if they were given would have a slope of
+1 - 1.25/z^2 for five equal folds whatever the noise. Slope and amplitude are therefore calibrated by records simulated
+with the effect.
 """
 
 from __future__ import annotations
