@@ -58,6 +58,11 @@ MISSING_SERIES = {
     "reference_flow_sine2": f"{CONSTANT_REFERENCE}, or the pairs are too far apart in time",
     "exact_minus_series": "the fit is the exact compass already",
 }
+APPROXIMATE = {  # by the deepest level that can be stated beside other effects
+    "driver": " Another term with the same driver is fitted beside it: neither has the right form by itself.",
+    "side": " Other effects are fitted beside it, and the form of one is only approximate: what it leaves may follow "
+    "any of their drivers.",
+}
 
 
 # Information (k, k) and score (k,) of each term's parameters from other records of the same compass, in their units.
@@ -330,8 +335,7 @@ def _finding_text(made: Finding, effect: str, physics: str, what: str) -> str:
     if made.alternatives:
         text += f" This record cannot separate it from {wording.join_names(made.alternatives)}."
     text += held_out_text(proof, made.heading_error_deg)
-    if made.shares_driver:
-        text += " Another term with the same driver is fitted beside it: neither has the right form by itself."
+    text += APPROXIMATE.get(made.deepest, "")
     stated = made.statement
     return text + wording.level_text(stated.level, stated.probability, stated.side, stated.driver)
 
@@ -362,13 +366,11 @@ def build_finding(
         size_deg: visible size, degrees rms.
         place: range in which it shows; replaced by the period from its date on if the term has a date.
         span_s: when it acts; by default throughout.
-        others: the other terms of the hypothesis. If a composed term shares its driver with another one, neither has
-            the right form, and only the driver is established.
+        others: the other terms of the hypothesis.
         physics: in words; by default that of the effect.
     """
     probability, alternatives = next(iter(chances.values())), dict(list(chances.items())[1:])
-    composition, driver = _composition(term), (term.side, findings.TILTS.get(term.driver, term.driver))
-    alike = [each for each in others if (each.side, findings.TILTS.get(each.driver, each.driver)) == driver]
+    composition = _composition(term)
     when_s = (span_s or comparison.span_s) if comparison.clocked else None
     if term.dated():
         place = comparison.since(term.date)
@@ -391,9 +393,21 @@ def build_finding(
         alternatives_probability=alternatives,
         composition=composition,
         heading_error_deg=heading_error_deg,
-        shares_driver=any(_composition(each) for other in alike for each in (term, other)),
+        deepest=_deepest_level(term, [each for each in others if each.side == term.side]),
     )
     return replace(made, text=_finding_text(made, term.name, physics or term.words, comparison.what))
+
+
+def _deepest_level(term: Effect, others: Sequence[Effect]) -> str:
+    """Choose the deepest level that can be stated of a term beside others of its side.
+
+    The form of a composed term is only approximate, and what it leaves follows whatever varies with its driver: beside
+    other terms, these and composed ones stated a wrong driver in 12 of 44 simulated cases at 0.95.
+    """
+    if not others or not any(_composition(each) for each in (term, *others)):
+        return "effect"
+    drivers = {findings.TILTS.get(each.driver, each.driver) for each in (term, *others)}
+    return "driver" if len(drivers) == 1 else "side"
 
 
 def _composition(term: Effect) -> dict[str, str] | None:

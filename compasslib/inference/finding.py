@@ -250,7 +250,7 @@ class Finding:
     driver: str = ""  #: variable on which its size depends
     heading_error_deg: float | None = None  #: rms error of the headings if it were not corrected, degrees
     composition: Mapping[str, str] | None = None  #: target, driver and form of a composed effect; None for listed ones
-    shares_driver: bool = False  #: whether another term has the same driver; neither then has the right form alone
+    deepest: str = "effect"  #: deepest level that its probability may establish: effect, driver or side
 
     @property
     def named(self) -> str:
@@ -265,7 +265,7 @@ class Finding:
     @cached_property
     def statement(self) -> Statement:
         """The most specific statement that the probabilities of the effect and its alternatives establish."""
-        if self.probability >= SURE and not self.shares_driver:
+        if self.probability >= SURE and self.deepest == "effect":
             return Statement("effect", self.probability, self.side, self.driver)
         causes = [(p, side_of(name), driver_of(name)) for name, p in self.alternatives_probability.items()]
         drivers, sides = defaultdict[tuple[str, str], float](float), defaultdict[str, float](float)
@@ -273,10 +273,10 @@ class Finding:
             drivers[side, TILTS.get(driver, driver)] += p
             sides[side] += p
         (side, driver), probability = max(drivers.items(), key=lambda item: item[1])
-        if probability >= SURE:
+        if probability >= SURE and self.deepest != "side":
             return Statement("driver", min(probability, 1.0), side, driver)
         alike = sum(p for (_, name), p in drivers.items() if name == driver and name)
-        if alike >= SURE:  # one of the two instruments
+        if alike >= SURE and self.deepest != "side":  # one of the two instruments
             return Statement("driver", min(alike, 1.0), "", driver)
         side, probability = max(sides.items(), key=lambda item: item[1])
         if probability >= SURE:

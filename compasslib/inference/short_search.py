@@ -317,7 +317,11 @@ def _finding(
         size_deg=sizes[k],
         proof=held_out_gain(fitted, fitted, fitted.terms[:k] + fitted.terms[k + 1 :]),
         place=comparison.outside(along),
-        others=[other for j, other in enumerate(fitted.terms) if j != k and sizes[j] >= min_effect_deg],
+        others=[
+            other
+            for j, other in enumerate(fitted.terms)
+            if j != k and sizes[j] >= min_effect_deg and other.driver == term.driver
+        ],
     )
 
 

@@ -43,11 +43,11 @@ def test_clock_drift_is_distinguished_from_an_offset():
     ("beside", "level"),
     [
         (place_effect(compose_effect("reading", "temperature", "bands")), "driver"),
-        (place_effect(compose_effect("reading", "depth", "linear")), "effect"),
+        (place_effect(compose_effect("reading", "depth", "linear")), "side"),
         (TemperatureOfField(200.0, 0.0), "effect"),
     ],
 )
-def test_for_two_cancelling_terms_of_one_driver_only_the_driver_is_stated(beside, level):
+def test_beside_an_unlisted_form_only_the_driver_that_both_share_or_the_side_is_stated(beside, level):
     """A reading proportional to the rate of temperature is fitted as a linear response minus one by its history."""
     of_mooring = comparison.Comparison(time_s=TIME_S, terms=(), covariates={})
     built = comparison.build_finding(
