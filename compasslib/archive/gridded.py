@@ -54,7 +54,7 @@ def reference_source(
     name: str, path: str | Path, record: records.Record, field: records.EarthField, flags: Sequence[int],
     slowed: Sequence[tuple[float, float]] = (),
 ) -> Source:  # fmt: skip
-    """Return a reference as a source of the grid, from true north; in the spans ``slowed`` its rotor was fouled.
+    """Return a reference as a source of the grid, from true north.
 
     Args:
         slowed: begin and end, UTC seconds, of periods in which its rotor was fouled: probably good at best.

@@ -33,7 +33,7 @@ STOPPED = "stopped"  # verdict of a mooring that has no results because its file
 
 
 def summary_row(name: str, folder: str | Path, roles: Iterable[str] | None = None) -> dict[str, Any]:
-    """Summarize a mooring with instruments ``roles``, or all that have records: shares, degrees, held-out rms.
+    """Summarize a mooring: shares, degrees, held-out rms.
 
     Args:
         roles: its instruments; None, without a configuration, for those of all records present.

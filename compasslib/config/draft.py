@@ -119,7 +119,7 @@ def mooring(
 
 
 def calibration(kind: str, keys: Mapping[str, Any], comments: Mapping[str, str]) -> str:
-    """Compose config/calibrations/NAME.yaml; an optional value that is not known, None, becomes a comment.
+    """Compose config/calibrations/NAME.yaml.
 
     Args:
         keys: values from the files; DECIDE for a required input, None for an optional one (written as a comment).

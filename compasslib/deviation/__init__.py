@@ -43,7 +43,7 @@ METHODS: dict[str, Callable[[Pairs, DeviationFit | None], DeviationFit]] = {
 
 @single_threaded()
 def fit_deviation(method: str, pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
-    """Fit a deviation model, ``exact`` or ``von_appen``, from one near; one known beforehand is returned.
+    """Fit a deviation model to pairs.
 
     Args:
         method: ``exact`` or ``von_appen``.

@@ -61,7 +61,7 @@ def _block_length(time_s: Floats) -> float:
 
 @single_threaded()
 def assess_correction(pairs: Pairs, fit: DeviationFit, plain: Pairs | None = None) -> dict[str, Any]:
-    """Compose assessment.json; ``plain`` are the pairs without the effects beyond the fit, which were not held out.
+    """Compose assessment.json: direction differences, upper minus lower, before and after correction, and currents.
 
     Args:
         plain: the pairs as the compass of the fit alone would have recorded them, where further effects acted; these

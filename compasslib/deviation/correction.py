@@ -104,9 +104,9 @@ def correct_in_pieces(
     fit: DeviationFit,
     field: EarthField,
     pairs: Pairs,
-    at: CompassSeries | None = None,  # at each sample, if effects beyond those of the fit acted on it
+    at: CompassSeries | None = None,
     *,
-    unmodelled_deg: float = 0.0,  # standard deviation of known effects
+    unmodelled_deg: float = 0.0,
     doubts: Sequence[Doubt] = (),
 ) -> CorrectedPieces:
     """Correct a record in pieces along time, so that a decade of velocities fits in memory.

@@ -67,8 +67,10 @@ def fit_exact(pairs: Pairs, near: DeviationFit | None = None) -> DeviationFit:
 
 
 def constant_sigmas(pairs: Pairs, fit: DeviationFit) -> float:
-    """Compute by how many standard errors pairs prefer the constant of a fit to any iron without a constant."""
-    # Where few headings occur, A is nearly collinear with B and C: the covariance about one solution lacks the others.
+    """Compute by how many standard errors pairs prefer the constant of a fit to any iron without a constant.
+
+    Where few headings occur, A is nearly collinear with B and C: the covariance about one solution lacks the others.
+    """
     overlap = _overlap(pairs)
     without = _refined(_start(overlap, EXACT, WITHOUT_CONSTANT), overlap, priors=WITHOUT_CONSTANT)
     own, other = (
@@ -236,7 +238,7 @@ def smooth_density(mass: Floats) -> Floats:
 
 
 def fit_scatter(overlap: Overlap, given: Floats, near: ScatterNoise) -> ScatterNoise:
-    """Fit the scatter of the observed headings, ``given`` the distribution by the recorded heading, (n, CELLS).
+    """Fit the scatter of the observed headings.
 
     Args:
         given: distribution of the correct heading given the recorded one only, (n, CELLS).

@@ -67,9 +67,7 @@ class Scene:
 
 
 def parameter(unit: str, meaning: str, step: float, *, usual: float = np.inf) -> Any:
-    """Declare a parameter that is 0 where the effect is absent; a ``step`` of it turns the heading by roughly a degree.
-
-    ``usual`` is the standard deviation of its prior, by default that of an effect of ``USUAL_DEG``.
+    """Declare a parameter that is 0 where the effect is absent.
 
     Args:
         step: a change that turns the heading by very roughly a degree, for finite differences.
@@ -103,9 +101,7 @@ class Effect(ABC):
 
     @abstractmethod
     def apply(self, x: Floats, scene: Scene) -> Floats:
-        """Apply the effect to the field in the body frame, (n, 3) nT, or what else it acts on.
-
-        Others: north, reading or veer, (n,) degrees; water that carries a ship, (n, 2) m/s; clock error, (n,) seconds.
+        """Apply the effect to the quantity on which it acts.
 
         Args:
             x: field in the body frame, (n, 3) nT; or shift of north, reading, or veer of the water, (n,) degrees; or

@@ -60,8 +60,8 @@ MISSING_SERIES = {
 }
 APPROXIMATE = {  # by the deepest level that can be stated beside other effects
     "driver": " Another term with the same driver is fitted beside it: neither has the right form by itself.",
-    "side": " Other effects are fitted beside it, and the form of one is only approximate: what it leaves may follow "
-    "any of their drivers.",
+    "side": " Other effects are fitted beside it, and the form of one of them is only approximate: what that form does "
+    "not explain may follow the driver of another.",
 }
 
 
@@ -401,8 +401,8 @@ def build_finding(
 def _deepest_level(term: Effect, others: Sequence[Effect]) -> str:
     """Choose the deepest level that can be stated of a term beside others of its side.
 
-    The form of a composed term is only approximate, and what it leaves follows whatever varies with its driver: beside
-    other terms, these and composed ones stated a wrong driver in 12 of 44 simulated cases at 0.95.
+    The form of a composed term is only approximate, and what it does not explain is attributed to whatever varies with
+    its driver: the drivers of terms beside it are wrong more often than their probabilities say.
     """
     if not others or not any(_composition(each) for each in (term, *others)):
         return "effect"

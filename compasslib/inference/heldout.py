@@ -33,7 +33,7 @@ from compasslib.types import Floats
 
 FREE = 1e5  # prior variance of coefficients of compass and nuisances, in units of one sample's noise
 CLEAR_Z = 4.0  # signal-to-noise ratio of the predicted turn from which a slope is informative
-TURNING_WITH_HEADING = ("field", "lobe")  # targets on which a change in time is no function of time alone
+TURNING_WITH_HEADING = ("field", "lobe")  # targets where the effect of a change in time depends on the heading too
 RECORDS = 200  # simulated with the effect to calibrate the slope
 
 

@@ -124,7 +124,7 @@ def detect_kind(path: str | Path) -> Kind | None:
             packed = head.startswith(GZIP_MAGIC)
             if packed:
                 head = zlib.decompressobj(wbits=31).decompress(head, HEAD_BYTES)
-            kind = _kind_of_head(head)
+            kind = next((each for each in KINDS if re.match(each.holds, head, re.DOTALL)), None) or _kind_of_text(head)
             if not packed and (kind is None or kind is ZEROS or (kind.form in TEXTS and not _is_text(head))):
                 kind = PD0 if scan(head + file.read(MEGABYTE))[0] else kind  # ensembles behind other bytes
     except zlib.error:
@@ -171,18 +171,16 @@ def format_hints(
         raise error from None
 
 
-def _kind_of_head(head: bytes) -> Kind | None:
-    if kind := next((each for each in KINDS if re.match(each.holds, head, re.DOTALL)), None):
-        return kind
+def _kind_of_text(head: bytes) -> Kind | None:
+    """Tell a table from prose by the second half of the lines, below any preamble; None for other bytes."""
     if is_utf16(head):
         head = head[: len(head) // 2 * 2].decode("utf-16", errors="replace").encode("latin-1", errors="replace")
     if not _is_text(head):
         return None
     lines = [line for line in head.splitlines() if line.strip()]
-    below = lines[len(lines) // 2 :]  # the second half, below any preamble of a table
-    digits, letters = ([len(re.findall(pattern, line)) for line in below] for pattern in (rb"\d", rb"[A-Za-z]"))
-    parted = (bool(re.search(rb"\S[,;|\t ]+\S", line)) for line in below)
-    rows = sum(d > a and columns for d, a, columns in zip(digits, letters, parted, strict=True))
+    below = lines[len(lines) // 2 :]
+    numeric = [line for line in below if len(re.findall(rb"\d", line)) > len(re.findall(rb"[A-Za-z]", line))]
+    rows = sum(bool(re.search(rb"\S[,;|\t ]+\S", line)) for line in numeric)
     return TABLE if 2 * rows >= len(below) else PROSE
 
 
@@ -262,17 +260,16 @@ class GuessedTable:
 
 def guess_columns(path: Path) -> GuessedTable | None:
     """Guess the columns of a table from its header, None if it is inconclusive."""
-    for delimiter in delimited.DELIMITERS:
-        head = delimited.find_head(
-            path, lambda names: guess_from_names(names) is not None, must=True, delimiters=[delimiter]
-        )
-        if head and delimiter == " ":  # columns, or words of one name: columns part most rows alike
-            alike = sum(len(row) == len(head.names) for row in head.sample)
-            head = None if 2 * alike < len(head.sample) or re.search("[\t;,]", head.text) else head
-        if head and (guess := guess_from_names(head.names)):
-            flow = [head.names.index(guess.columns[role]) for role in vocabulary.FLOWS if role in guess.columns]
-            return guess_from_names(head.names, delimited.unit_lines(head, flow))
-    return None
+    head = delimited.find_head(path, lambda names: guess_from_names(names) is not None, must=True)
+    guess = guess_from_names(head.names) if head else None
+    if head is None or guess is None:
+        return None
+    if head.delimiter == " ":  # columns, or words of one name: columns part most rows alike
+        alike = sum(len(row) == len(head.names) for row in head.sample)
+        if 2 * alike < len(head.sample) or re.search("[\t;,]", head.text):
+            return None
+    flow = [head.names.index(guess.columns[role]) for role in vocabulary.FLOWS if role in guess.columns]
+    return guess_from_names(head.names, delimited.unit_lines(head, flow))
 
 
 def guess_from_names(names: Sequence[str], below: Sequence[Sequence[str]] = ()) -> GuessedTable | None:
@@ -314,7 +311,8 @@ def guess_from_names(names: Sequence[str], below: Sequence[Sequence[str]] = ()) 
 
 def match_roles(names: Iterable[str], words: Mapping[str, str] = _WORDS) -> dict[str, str]:
     """Match headers to roles: the first header that fits each role, used only once except for ``clock``."""
-    plain = {name: _plain(name) for name in names}
+    unitless = {name: vocabulary.SPEED_END.sub("", _UNIT.sub("", name.strip().lower()).strip()) for name in names}
+    plain = {name: re.sub(r"[\W_]+", "_", text).strip("_") for name, text in unitless.items()}
     roles: dict[str, str] = {}
     for role, pattern in words.items():
         free = (name for name in plain if role == "clock" or name not in roles.values())
@@ -324,9 +322,3 @@ def match_roles(names: Iterable[str], words: Mapping[str, str] = _WORDS) -> dict
     if roles.get("clock") == roles.get("time") and "date" not in roles:
         roles.pop("clock", None)
     return roles
-
-
-def _plain(name: str) -> str:
-    """Normalize a header: strip its unit, convert to lower case, and join its words by underscores."""
-    unitless = vocabulary.SPEED_END.sub("", _UNIT.sub("", name.strip().lower()).strip())
-    return re.sub(r"[\W_]+", "_", unitless).strip("_")

@@ -182,11 +182,11 @@ def diagnose(
     field: EarthField,
     options: Options | None = None,
     *,
-    wide: Pairs | None = None,  # with a wider depth limit, for comparing the clocks
+    wide: Pairs | None = None,
     units: Mapping[str, str] | None = None,
     shared: comparison.SharedInformation | None = None,
 ) -> Diagnosis:
-    """Diagnose a mooring's overlap and other series at its times, (n,) each, against its fitted compass.
+    """Diagnose a mooring's overlap against its fitted compass.
 
     Args:
         logged: other series at the times of the pairs, such as ``temperature`` and ``supply_voltage``, (n,) each.

@@ -102,10 +102,6 @@ def decode_older(packets: Packets) -> Samples:
     velocity = np.moveaxis(velocity, 1, 2)
     minute, second, day, hour, year, month = _BCD[sensors["clock"]].astype(np.int64).T
     century = np.where(year < FIRST_YEAR - 1900, 2000, 1900)
-    # Errors reported by the instrument: failed measurement or compass, tilt beyond the range of the sensor.
-    failed, no_compass = (sensors["error"] & 6) > 0, (sensors["error"] & 1) > 0
-    beyond = (sensors["status"] & 12) > 0
-    flags = np.where(failed | no_compass | beyond, BAD, GOOD)[:, None]
     heading = sensors["heading"] / 10.0
     pressure = (65536 * sensors["pressure_high"].astype(np.int64) + sensors["pressure_low"]) / 1000.0
     ranges, khz = [0.0], int(head["khz"])
@@ -120,7 +116,7 @@ def decode_older(packets: Packets) -> Samples:
     recorded, magnetometer = int(user["coordinates"]), AQUADOPP_MAGNETOMETER.get(kind)
     at = np.flatnonzero(packets.kind == HARDWARE)
     hardware = packets.data[packets.begin[at[0]] : packets.end[at[0]]] if len(at) else np.zeros(0, np.uint8)
-    in_earth, matrix = recorded == Coordinates.EARTH, head["matrix"] / 4096.0
+    matrix = head["matrix"] / 4096.0
     return Samples(
         offset=packets.start[mine],
         time_s=civil_seconds(century + year, month, day, hour, minute, second),
@@ -130,11 +126,7 @@ def decode_older(packets: Packets) -> Samples:
         pressure_dbar=pressure if head["sensors"] & 1 else np.full(len(rows), np.nan),
         temperature_c=sensors["temperature"] / 100.0,
         supply_voltage=sensors["battery"] / 10.0,
-        velocity=velocity[..., :2] if in_earth else velocity,
-        up=velocity[..., 2] if in_earth else None,
-        quality=np.where(np.isnan(velocity).any(axis=-1), MISSING, flags).astype(np.int8),
-        heading_quality=np.where(no_compass | beyond, BAD, GOOD).astype(np.int8),
-        looks_up=(sensors["status"] & 1) == 0,
+        **_interpret_codes(velocity, recorded, sensors["error"], sensors["status"]),
         bin_range_m=ranges,
         recorded=recorded,
         beam_angle_deg=0.0 if point else SLANT_DEG,
@@ -148,6 +140,22 @@ def decode_older(packets: Packets) -> Samples:
             "other_lengths": int(of_kind.sum()) - len(rows),
         },
     )
+
+
+def _interpret_codes(velocity: Floats, recorded: int, error: Ints, status: Ints) -> dict[str, Any]:
+    """Select the horizontal and upward velocities, and derive flags and orientation from the instrument's codes.
+
+    It reports failed measurements and compasses, and tilts beyond the range of the sensor.
+    """
+    in_earth, beyond = recorded == Coordinates.EARTH, (status & 12) > 0
+    flags = np.where(((error & 7) > 0) | beyond, BAD, GOOD)[:, None]
+    return {
+        "velocity": velocity[..., :2] if in_earth else velocity,
+        "up": velocity[..., 2] if in_earth else None,
+        "quality": np.where(np.isnan(velocity).any(axis=-1), MISSING, flags).astype(np.int8),
+        "heading_quality": np.where(((error & 1) > 0) | beyond, BAD, GOOD).astype(np.int8),
+        "looks_up": (status & 1) == 0,
+    }
 
 
 def _configuration(packets: Packets, kind: int, form: np.dtype[np.void]) -> Any:
@@ -219,8 +227,6 @@ def decode_converted(header: Path) -> Samples:
         velocity = np.stack(beams, axis=-1)
         size, blanking = _number(header, text, "Cell size"), _number(header, text, "Blanking distance")
         ranges = (blanking + size * (1.0 + np.arange(cells))).tolist()
-    failed, status = _bits(values["error code"]), _bits(values["status code"])
-    flags = np.where((failed & 7 > 0) | (status & 12 > 0), BAD, GOOD)
     heading = np.where((values["heading"] >= 0.0) & (values["heading"] <= 360.0), values["heading"], np.nan)
     numbers = re.search(r"Transformation matrix((?:\s+-?\d+\.\d+){9})", text)
     if system == Coordinates.BEAM and numbers is None:
@@ -236,11 +242,7 @@ def decode_converted(header: Path) -> Samples:
         pressure_dbar=values["pressure"],
         temperature_c=values["temperature"],
         supply_voltage=values["battery voltage"],
-        velocity=velocity[..., :2] if system == Coordinates.EARTH else velocity,
-        up=velocity[..., 2] if system == Coordinates.EARTH else None,
-        quality=np.where(np.isnan(velocity).any(axis=-1), MISSING, flags[:, None]).astype(np.int8),
-        heading_quality=np.where((failed & 1 > 0) | (status & 12 > 0), BAD, GOOD).astype(np.int8),
-        looks_up=status & 1 == 0,
+        **_interpret_codes(velocity, system, _bits(values["error code"]), _bits(values["status code"])),
         bin_range_m=ranges,
         recorded=system,
         beam_angle_deg=0.0 if velocities else SLANT_DEG,

@@ -159,13 +159,13 @@ def _most_frequent_configuration(packets: Packets, at: Places) -> Places:
 def _sensors(head: Any) -> dict[str, Any]:
     valid = head["configuration"]
     year, month, day, *clock = head["clock"].astype(np.int64).T
-    heading = np.where((valid & Has.COMPASS) > 0, head["heading"] / 100.0, np.nan)
-    heading = np.where(heading < 360.0, heading, np.nan)
     orientation = head["status"] >> 25 & 7  # 0 X up, 1 X down, 2 Y up, 3 Y down, 4 Z up, 5 Z down
 
     def known(bit: int, values: Any) -> Floats:
         return np.where((valid & bit) > 0, values, np.nan)
 
+    heading = known(Has.COMPASS, head["heading"] / 100.0)
+    heading = np.where(heading < 360.0, heading, np.nan)
     return {
         "time_s": civil_seconds(year + 1900, month + 1, day, *clock) + head["fraction"] / 10000.0,
         "heading_deg": heading,
