@@ -17,15 +17,14 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from compasslib import angles
 from compasslib.deviation.exact import positive_part
 from compasslib.deviation.model import LETTERS, CoefficientPrior, DeviationFit, listed, prior_from_json
 from compasslib.effects import SLOW_WATER, Effect
-from compasslib.effects.effect import YEAR_S, parameter_slices
+from compasslib.effects.effect import parameter_slices
 from compasslib.effects.forward import ForwardModel
 from compasslib.inference import joint_compass, product, wording
 from compasslib.inference import noise as noise_models
-from compasslib.inference.comparison import Comparison, LongComparison, Options, SharedInformation, build_finding
+from compasslib.inference.comparison import Comparison, Options, SharedInformation, build_finding
 from compasslib.inference.diagnosis import Diagnosis, combine_outcomes, insufficient
 from compasslib.inference.evidence import UNLIKELY
 from compasslib.inference.finding import CovariateRange, Finding, HeldOut, Parameter, compare_names
@@ -45,8 +44,6 @@ from compasslib.records import EarthField
 from compasslib.statistics.least_squares import mixed_covariance, robust_width
 from compasslib.types import Floats
 
-SEASON_HARMONICS = (1, 2)  # annual and semiannual, as in the seasonal cycle of a climatology
-SEASON_COLUMNS = 3 * 2 * len(SEASON_HARMONICS)  # veer, northward and eastward shear; sine and cosine of each
 # Sizes of the season: a grid, rms degrees, with a half-Cauchy prior whose scale is that of slow water.
 SEASONS_DEG = np.array([0.1, 0.5, 1.0, 2.0, 4.0, 8.0])
 SEASON_LOG_PRIOR = np.log(SEASONS_DEG) - np.log1p((SEASONS_DEG / noise_models.USUAL_VEER_DEG) ** 2)
@@ -83,23 +80,20 @@ def _effect_information(inferred: Inference) -> EffectInformation:
     shared = [k for k, option in enumerate(model.options) if option.term.instrument]
     specific = [(k, size) for k, size in inferred.entered if k not in shared]
     retained = [*shared, *(k for k, _ in specific)]
-    season = model.freed.whiten_and_project(season_columns(fitted.comparison))
-    season *= model.freed.response / model.freed.sigma / np.sqrt(model.scatter)
     of_options = np.concatenate([np.zeros(0, dtype=np.intp), *(model.products.columns(k) for k in retained)])
-    white = np.concatenate(
-        [model.white[:, of_options], model.white[:, model.products.ends[-1] :], season], axis=1, dtype=np.float32
-    )
+    white = np.concatenate([model.white[:, of_options], model.white[:, model.products.ends[-1] :]], axis=1)
     products = replace(model, options=tuple(model.options[k] for k in retained), white=white).products
     entered = [(len(shared) + k, size) for k, (_, size) in enumerate(specific)]
-    at = np.append(np.arange(products.ends[len(shared)]), white.shape[1] - SEASON_COLUMNS + np.arange(SEASON_COLUMNS))
+    at = np.append(np.arange(products.ends[len(shared)]), products.ends[-1] + model.slow.season)
     information, score = np.zeros((len(at), len(at))), np.zeros(len(at))
     for share, slow_noise in inferred.further.evidence.weighted_noises():
-        variance = np.append(model.slow.variances(slow_noise), np.zeros(SEASON_COLUMNS))
+        variance = model.slow.variances(slow_noise)
+        variance[model.slow.season] = 0.0  # left to the joint model, as all records share it
         left, score_left = products.marginalize(variance, entered).left(at)
         information, score = information + share * left, score + share * score_left[:, 0]
     usual = np.concatenate([np.zeros(0), *(model.options[k].usual for k in shared)])
     unit = np.divide(1.0, usual, out=np.zeros_like(usual), where=usual > 0.0)
-    scale = np.append(unit, np.ones(SEASON_COLUMNS))
+    scale = np.append(unit, np.ones(noise_models.SEASON_COLUMNS))
     columns = np.concatenate([np.zeros((len(white), 0)), *(model.options[k].columns for k in shared)], axis=1)
     visible = model.freed.visible(columns * unit)
     return EffectInformation(
@@ -111,21 +105,6 @@ def _effect_information(inferred: Inference) -> EffectInformation:
         residual_deg=robust_width(fitted.residual_deg[np.isfinite(fitted.residual_deg)]),
         n=len(fitted.comparison),
     )
-
-
-def season_columns(comparison: LongComparison) -> Floats:
-    """Build the columns of a yearly season of the water, degrees per degree of its size, (n, SEASON_COLUMNS).
-
-    Harmonics of the year for veer and for eastward and northward shear; the k-th is scaled by 1/k.
-    """
-    phase = 360.0 * comparison.scene.time_s / YEAR_S
-    waves = np.column_stack([x / k for k in SEASON_HARMONICS for x in angles.sin_cos(k * phase)])
-    departures = comparison.scene.departures
-    if "flow_east" not in departures or "speed" not in comparison.covariates:
-        return np.concatenate([waves, np.zeros((len(waves), SEASON_COLUMNS - waves.shape[1]))], axis=1)
-    shear = noise_models.shear_columns(comparison, waves, noise_models.SPEED_SPAN_S)
-    per_degree = noise_models.USUAL_SHEAR_M_S / noise_models.USUAL_VEER_DEG
-    return np.concatenate([waves, per_degree * shear], axis=1)
 
 
 @dataclass(frozen=True)
@@ -204,7 +183,7 @@ class SharedModel:
             ends=np.cumsum([0, *(len(kind.fitted()) for kind in self.kinds)]),
             amplitudes=np.where(sized, 1.0, AMPLITUDES_DEG[:, None]),
         )
-        return products.marginalize(np.full(SEASON_COLUMNS, season_deg**2), entered)
+        return products.marginalize(np.full(noise_models.SEASON_COLUMNS, season_deg**2), entered)
 
     def weigh(self, entered: Entered = ()) -> SharedEvidence:
         """Compute the probability of each effect beside the entered ones."""
@@ -248,16 +227,16 @@ def align_records(members: Sequence[Member]) -> SharedModel:
     )
     parts = dict(zip(kinds, parameter_slices(kinds), strict=True))
     count = sum(len(kind.fitted()) for kind in kinds)
-    size = count + SEASON_COLUMNS
+    size = count + noise_models.SEASON_COLUMNS
     usual, visible = np.full((len(searched), count), np.nan), np.full((len(searched), count, count), np.nan)
     information, score = np.zeros((len(searched), size, size)), np.zeros((len(searched), size))
     for j, effects in enumerate(searched.values()):
         of_effects = np.r_[tuple(parts[effect_class(form)] for form in effects.forms)].astype(int)
-        at = np.append(of_effects, count + np.arange(SEASON_COLUMNS))
+        at = np.append(of_effects, count + np.arange(noise_models.SEASON_COLUMNS))
         usual[j, of_effects], visible[j][np.ix_(of_effects, of_effects)] = effects.usual, effects.visible
         information[j][np.ix_(at, at)], score[j, at] = effects.information, effects.score
     middle = np.nanmedian(usual, axis=0)
-    unit = np.append(middle, np.ones(SEASON_COLUMNS))
+    unit = np.append(middle, np.ones(noise_models.SEASON_COLUMNS))
     return SharedModel(
         records=tuple(searched),
         kinds=kinds,

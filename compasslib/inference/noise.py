@@ -15,10 +15,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.effects.composed import play
-from compasslib.effects.effect import DAY_S, USUAL_DEG
+from compasslib.effects.effect import DAY_S, USUAL_DEG, YEAR_S
 from compasslib.inference import covariates
 from compasslib.inference.comparison import TIDE_RESOLVING_STEP_S, LongComparison, tide_waves
 from compasslib.inference.finding import SURE
@@ -40,6 +41,8 @@ TIDE_SPAN_S = 3600.0  # averaging time of the speed, for the turn by tidal shear
 
 KNOTS = 6  # of the directional shear along speed or depth
 PLAYS = (1.0, 2.5)  # widths of hysteresis, standard deviations of the driver
+SEASON_HARMONICS = (1, 2)  # annual and semiannual, as in the seasonal cycle of a climatology
+SEASON_COLUMNS = 3 * 2 * len(SEASON_HARMONICS)  # veer, northward and eastward shear; sine and cosine of each
 USUAL_TIDE_DEG = 2.0  # prior standard deviation of each sine and cosine of tidal directional shear
 PRESENT = 0.75  # probability from which a driver enters the noise of a refit: a Bayes factor of 3
 LEAN_SHARE = 0.05  # of the scatter of directions, prior standard deviation by tilt: the flow leans the instrument
@@ -89,11 +92,12 @@ class Process:
 
 @dataclass(frozen=True)
 class SlowNoise:
-    """Parameters of slow water: veer, and shear of either component."""
+    """Parameters of slow water: veer, shear of either component, and a yearly season of both."""
 
     veer: Process
     shear: Process
     log_prior: float  # up to a constant
+    season_deg: tuple[float, float] = (0.0, 0.0)  # sizes of the annual harmonics of veer and of shear
 
 
 def known_slow_noises(known: SlowShear, speed_m_s: float) -> list[SlowNoise]:
@@ -122,9 +126,10 @@ def known_slow_noises(known: SlowShear, speed_m_s: float) -> list[SlowNoise]:
 class SlowNoiseBasis:
     """Columns of slow water, with the variances of their coefficients."""
 
-    columns: Floats  # (n, q) degrees a unit: cosines of veer, of east and north shear; waves of their tides; current
+    columns: Floats  # (n, q) degrees a unit: cosines of veer, of east and north shear; their tides; season; current
     frequency: Floats  # (k,) cycles a day, evenly spaced from 0
     kinds: int  # number of processes: 1, or 3 with shear
+    tides: int  # number of columns
     drivers: tuple[str, ...]  # of the last columns, those of the current in units of prior sizes
     current: Floats  # variance of each of these
     known: tuple[SlowShear, float] | None = None  # slow shear that a profile shows, and the median speed in m/s
@@ -135,24 +140,36 @@ class SlowNoiseBasis:
         each = [
             process.variances(self.frequency, step) for process in (slow_noise.veer, slow_noise.shear, slow_noise.shear)
         ]
-        slow = np.concatenate(each[: self.kinds])
-        tides = self.columns.shape[1] - len(slow) - len(self.drivers)
-        return np.concatenate([slow, np.full(tides, USUAL_SHEAR_M_S**2), self.current])
+        season = np.repeat(np.square(slow_noise.season_deg), [SEASON_COLUMNS // 3, 2 * SEASON_COLUMNS // 3])
+        return np.concatenate([*each[: self.kinds], np.full(self.tides, USUAL_SHEAR_M_S**2), season, self.current])
+
+    @property
+    def season(self) -> NDArray[np.intp]:
+        """Columns of the season, (SEASON_COLUMNS,)."""
+        return np.arange(SEASON_COLUMNS) + self.columns.shape[1] - len(self.drivers) - SEASON_COLUMNS
 
     def without_current(self, drivers: Collection[str]) -> SlowNoiseBasis:
         """Remove the current of some drivers from the noise."""
         return replace(self, current=np.where(np.isin(self.drivers, list(drivers)), 0.0, self.current))
 
     def slow_noises(self) -> list[SlowNoise]:
-        """List the grid of parameters of slow water."""
+        """List the grid of parameters of slow water; a season is within the memories that a profile may show."""
         if self.known is not None and self.kinds > 1:
             return known_slow_noises(*self.known)
-        none = Process(0.0, VEER_DAYS[0])
-        veers = [none, *(Process(*process) for process in itertools.product(VEER_DEG, VEER_DAYS))]
-        shears = [none, *(Process(*process) for process in itertools.product(SHEAR_M_S, SHEAR_DAYS))]
-        both = itertools.product(veers, shears if self.kinds > 1 else [none])
-        usual = [(veer, shear, veer.size / USUAL_VEER_DEG, shear.size / USUAL_SHEAR_M_S) for veer, shear in both]
-        return [SlowNoise(veer, shear, -float(np.log1p(a**2) + np.log1p(b**2))) for veer, shear, a, b in usual]
+        slow_noises = []
+        for season in ((0.0, 0.0), (USUAL_VEER_DEG, 0.0), (USUAL_VEER_DEG, USUAL_VEER_DEG)):
+            veers = _processes(VEER_DEG, VEER_DAYS, longest=not season[0])
+            shears = _processes(SHEAR_M_S, SHEAR_DAYS, longest=not season[1])
+            for veer, shear in itertools.product(veers, shears if self.kinds > 1 else shears[:1]):
+                scaled = veer.size / USUAL_VEER_DEG, shear.size / USUAL_SHEAR_M_S, *np.divide(season, USUAL_VEER_DEG)
+                slow_noises.append(SlowNoise(veer, shear, -float(np.sum(np.log1p(np.square(scaled)))), season))
+        return slow_noises
+
+
+def _processes(sizes: Sequence[float], memories_days: Sequence[float], *, longest: bool) -> list[Process]:
+    """List processes, none first; those of the longest memory are left out beside a season, which they resemble."""
+    memories = memories_days if longest else memories_days[:-1]
+    return [Process(0.0, memories[0]), *(Process(*each) for each in itertools.product(sizes, memories))]
 
 
 def slow_noise_basis(comparison: LongComparison) -> SlowNoiseBasis:
@@ -164,15 +181,29 @@ def slow_noise_basis(comparison: LongComparison) -> SlowNoiseBasis:
     waves = np.cos(np.pi * (time_s - time_s[0])[:, None] / (days * DAY_S) * np.arange(count))
     current, kinds = current_columns(comparison), 1
     drivers = tuple(driver for driver, columns in current.items() for _ in range(columns.shape[1]))
-    each = [*current.values()]
+    each, tides = [season_columns(comparison), *current.values()], 0
     if "flow_east" in comparison.scene.departures and "speed" in comparison.covariates:
         shears = ((waves, SPEED_SPAN_S), (tide_waves(time_s), TIDE_SPAN_S))
         each, kinds = [*(shear_columns(comparison, *shear) for shear in shears), *each], 3
+        tides = each[1].shape[1]
     known = None
     if comparison.slow_shear is not None and "speed" in comparison.covariates:
         known = comparison.slow_shear, float(np.median(comparison.covariates["speed"]))
     prior = np.full(len(drivers), LARGE_CURRENT**2)
-    return SlowNoiseBasis(np.concatenate([waves, *each], axis=1), frequency, kinds, drivers, prior, known)
+    return SlowNoiseBasis(np.concatenate([waves, *each], axis=1), frequency, kinds, tides, drivers, prior, known)
+
+
+def season_columns(comparison: LongComparison) -> Floats:
+    """Build the columns of a yearly season of the water, degrees per degree of its size, (n, SEASON_COLUMNS).
+
+    Harmonics of the year for veer and for eastward and northward shear; the k-th is scaled by 1/k.
+    """
+    phase = 360.0 * comparison.scene.time_s / YEAR_S
+    waves = np.column_stack([x / k for k in SEASON_HARMONICS for x in angles.sin_cos(k * phase)])
+    if "flow_east" not in comparison.scene.departures or "speed" not in comparison.covariates:
+        return np.concatenate([waves, np.zeros((len(waves), SEASON_COLUMNS - waves.shape[1]))], axis=1)
+    per_degree = USUAL_SHEAR_M_S / USUAL_VEER_DEG
+    return np.concatenate([waves, per_degree * shear_columns(comparison, waves, SPEED_SPAN_S)], axis=1)
 
 
 def shear_columns(comparison: LongComparison, waves: Floats, span_s: float) -> Floats:

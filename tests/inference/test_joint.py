@@ -9,7 +9,7 @@ import pytest
 from compasslib.deviation import fit_deviation
 from compasslib.deviation.exact import start_from_prior
 from compasslib.deviation.model import CoefficientPrior, fit_from_json
-from compasslib.inference import joint, joint_compass
+from compasslib.inference import joint, joint_compass, noise
 from compasslib.inference.joint_compass import EffectInformation, Member
 from tests.world import pairs as sea
 
@@ -77,7 +77,7 @@ def test_records_in_one_sphere_are_more_informative():
 
 def told(z: float, *, season: float = 0.0, forms: tuple[str, ...] = ("TemperatureOfReading",)) -> EffectInformation:
     """Make the information on an effect of z standard errors whose column is correlated with a season."""
-    size = len(forms) + joint.SEASON_COLUMNS
+    size = len(forms) + noise.SEASON_COLUMNS
     information = np.eye(size) * 100.0
     information[0, len(forms)] = information[len(forms), 0] = 100.0 * season
     score = 10.0 * z * information[:, 0] / 100.0
