@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, make_dataclass
 from functools import cache
-from itertools import accumulate
 from typing import Any, ClassVar
 
 import numpy as np
@@ -110,10 +109,16 @@ def _lagged(x: Floats, time_s: Floats, constant_s: float) -> Floats:
 
 
 def play(x: Floats, width: float) -> Floats:
-    """Apply a play operator (backlash) to a driver: the output stays until the driver moves it, (n,)."""
-    half = width / 2.0
-    follow = accumulate(x.tolist(), lambda at, now: min(max(at, now - half), now + half))
-    return np.fromiter(follow, float, len(x))
+    """Apply a play operator (backlash) to a driver: the output stays until the driver moves it, (n,).
+
+    Each sample clips the output to an interval about the driver. Clipping to one interval after another is clipping to
+    a third, so that the intervals of spans of twice the length are combined at once (a parallel prefix sum).
+    """
+    low, high, span = x - width / 2.0, x + width / 2.0, 1
+    while span < len(x):
+        low[span:], high[span:] = (np.clip(end[:-span], low[span:], high[span:]) for end in (low, high))
+        span *= 2
+    return np.clip(x[:1], low, high)
 
 
 SMOOTH, WIDE = 6, 4.0  # functions of a smooth curve, and standard deviations from its middle that it reaches

@@ -92,21 +92,22 @@ def with_shares(options: Sequence[Option]) -> Iterator[Option]:
 def log_bayes_factors(
     values: Floats, along: Floats, amplitude: Floats | float, square: Floats | None = None, freedom: float = np.inf
 ) -> Floats:
-    """Compute the log Bayes factor of options over none at a prior amplitude, (g, r).
+    """Compute the log Bayes factor of options over none at a prior amplitude, (..., g, r).
 
     If the variance of the noise is unknown, its Student's law of few residuals is used, and all are in its units.
 
     Args:
         values: eigenvalues of each option's information, (g, k).
         along: squared scores along the eigenvectors, (g, k, r).
+        amplitude: a number, or (..., g, 1).
         square: sum of squares of the residuals without options, (r,).
         freedom: degrees of freedom of the noise's variance; infinite if it is known.
     """
     grown = amplitude**2 * values
-    gain = ((0.5 * amplitude**2 / (1.0 + grown))[:, None, :] @ along)[:, 0]
+    gain = ((0.5 * amplitude**2 / (1.0 + grown))[..., None, :] @ along)[..., 0, :]
     if square is not None:
         gain = -0.5 * freedom * np.log1p(-2.0 * gain / square)
-    return np.asarray(gain - 0.5 * np.log1p(grown).sum(axis=1)[:, None])
+    return np.asarray(gain - 0.5 * np.log1p(grown).sum(axis=-1)[..., None])
 
 
 @dataclass(frozen=True)

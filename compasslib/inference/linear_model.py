@@ -155,8 +155,7 @@ class Marginal:
         """Log Bayes factor of each option over none at each amplitude, (a, g, r)."""
         result = np.empty((*self.products.amplitudes.shape, self.products.score.shape[1]))
         for options, values, along in self._options:
-            for a, amplitude in enumerate(self.products.amplitudes[:, options, None]):
-                result[a, options] = log_bayes_factors(values, along, amplitude)
+            result[:, options] = log_bayes_factors(values, along, self.products.amplitudes[:, options, None])
         return result
 
     @property

@@ -8,7 +8,7 @@ The detection limit of an effect is the size at which it is detected in nine of 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,7 +19,14 @@ from compasslib.effects import SLOW_WATER, Effect
 from compasslib.effects.composed import COMPOSED, ComposedEffect
 from compasslib.inference import design, noise
 from compasslib.inference.design import FittedModel
-from compasslib.inference.evidence import MOST_EFFECTS, UNLIKELY, Evidence, Place, side_probabilities
+from compasslib.inference.evidence import (
+    MOST_EFFECTS,
+    UNLIKELY,
+    Evidence,
+    Place,
+    log_bayes_factors,
+    side_probabilities,
+)
 from compasslib.inference.finding import Detection, compare_names
 from compasslib.inference.linear_model import Entered, LinearModel, Marginal, Products
 from compasslib.inference.noise import SlowNoise, SlowNoiseBasis
@@ -286,8 +293,7 @@ def _detection_limits(
         parts = np.array_split(np.arange(score.shape[1]), len(places))
         power = np.zeros(len(SIZES_DEG))
         for k, part in zip(places, parts, strict=True):
-            for s, statistic in enumerate(_statistics(model, marginals, k, part, rng)):
-                power[s] += np.sum(statistic >= threshold) / score.shape[1]
+            power += np.sum(_statistics(model, marginals, k, part, rng) >= threshold, axis=1) / score.shape[1]
         k = int(np.argmax(power >= POWER))
         result[name] = float(SIZES_DEG[k]) if power[k] >= POWER else None
         if k > 0:  # interpolate
@@ -302,8 +308,8 @@ def _statistics(
     k: int,
     part: NDArray[np.intp],
     rng: np.random.Generator,
-) -> Iterator[Floats]:
-    """Yield the statistic of an option in some surrogates with its effect, in random directions, at each size, (r,)."""
+) -> Floats:
+    """Compute the statistic of an option in r surrogates with its effect, in random directions, at s sizes, (s, r)."""
     at = model.products.columns(k)
     visible = model.freed.visible(model.options[k].columns)
     direction = rng.normal(size=(len(at), len(part)))
@@ -316,10 +322,9 @@ def _statistics(
         none = np.array([marginal.none[part], np.sum(half * taken, axis=0), 0.5 * np.sum(half**2, axis=0)])
         along = np.array([vectors.T @ left[:, part], vectors.T @ information @ direction])
         planted.append(_Planted(prior, none, along, np.maximum(values, 0.0), model.products.amplitudes[:, k]))
-    for size in SIZES_DEG:
-        each = [slow_noise.log_likelihoods(float(size)) for slow_noise in planted]
-        none, effect = (np.logaddexp.reduce(np.array(logs), axis=0) for logs in zip(*each, strict=True))
-        yield effect - none + model.options[k].share
+    each = [slow_noise.log_likelihoods(SIZES_DEG) for slow_noise in planted]
+    none, effect = (np.logaddexp.reduce(np.array(logs), axis=0) for logs in zip(*each, strict=True))
+    return np.asarray(effect - none + model.options[k].share)
 
 
 @dataclass(frozen=True)
@@ -332,11 +337,10 @@ class _Planted:
     values: Floats  # (k,) eigenvalues
     amplitudes: Floats  # (a,) prior rms of the effect, degrees
 
-    def log_likelihoods(self, size_deg: float) -> tuple[Floats, Floats]:
-        """Compute the log likelihood of no effect, and that of the effect that was planted, (r,) each."""
-        none = self.prior + self.none[0] + size_deg * self.none[1] + size_deg**2 * self.none[2]
-        along = (self.score[0] + size_deg * self.score[1]) ** 2
-        variance = self.amplitudes[:, None, None] ** 2
-        grown = variance * self.values[:, None]
-        gain = 0.5 * variance / (1.0 + grown) * along - 0.5 * np.log1p(grown)
-        return none, none + np.logaddexp.reduce(gain.sum(axis=1), axis=0) - np.log(len(variance))
+    def log_likelihoods(self, sizes_deg: Floats) -> tuple[Floats, Floats]:
+        """Compute the log likelihood of no effect, and that of the effect that was planted, (s, r) each."""
+        size = sizes_deg[:, None]
+        none = self.prior + self.none[0] + size * self.none[1] + size**2 * self.none[2]
+        along = (self.score[0] + size[:, None] * self.score[1]) ** 2
+        effect = log_bayes_factors(self.values[None], along[:, None], self.amplitudes[:, None, None, None])
+        return none, none + np.logaddexp.reduce(effect[..., 0, :], axis=0) - np.log(len(self.amplitudes))
