@@ -24,7 +24,7 @@ IRON = (0.01, 0.2, -0.1, 0.02, 0.01)
 SETUP = adcp.Setup(300, True, CELLS, 2.0, 1.76, 4.0, 30, "earth", 1)
 STAGES = (
     *("work/top.nc", "work/deep.nc", "work/pairs/overlap.nc", "work/fit.json", "diagnosis.json", "corrected.nc"),
-    *("gridded.nc", "figures/timeline.png"),
+    *("gridded.nc", "figures/roses.png"),
 )
 
 

@@ -42,10 +42,6 @@ OWNERS = {
     "publisher_url": "its address",
     "principal_investigator": "who answers for the data",
 }
-OPTIONAL = {
-    "principal_investigator_orcid": "https://orcid.org/...",
-    "software_url": "where the version of this software that was used is kept (recommended)",
-}
 SNAKEMAKE = "https://w3id.org/workflowhub/workflow-ro-crate#snakemake"
 CONTEXTUAL: tuple[Entity, ...] = (
     {

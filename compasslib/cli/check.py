@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compasslib import angles, calibrations, earthfield, readers
+from compasslib import angles, calibrations, earthfield
 from compasslib.archive.deposit import missing_attributes
 from compasslib.cli.results import align, print_warnings
 from compasslib.config import cruise as config
@@ -71,7 +71,7 @@ def check(asked: Namespace) -> int:
     cruise = config.load_cruise(Path(asked.cruise), refuse=refused.append)
     check_cruise(cruise)
     problems = [str(each) for first in refused for each in (first, *first.others)]
-    jobs = [(_inspect_mooring, name) for name in cruise.moorings] + [(_inspect_parts, f) for f in cruise.refused_files]
+    jobs = [(_inspect_mooring, name) for name in cruise.moorings]
     jobs += [(_inspect_calibration, name) for name in cruise.calibrations]
     if cruise.options.demonstration:
         print("the demonstration's raw files are made by the run: not opened")
@@ -83,8 +83,6 @@ def check(asked: Namespace) -> int:
             inspections[name] = inspection = future.result()
             print("\n".join(inspection.lines), flush=True)
             problems += inspection.problems
-    for line in _suggest_shared(cruise.moorings):
-        print(line)
     if jobs:
         problems += _mixed_serials(cruise.moorings, inspections)
         if absent := missing_attributes(cruise.options.attributes):
@@ -141,20 +139,6 @@ def _inspect_mooring(inspection: Inspection, name: str, cruise: Cruise) -> None:
         _inspect_pairs(inspection, name, rules, [records[role] for role in used])
 
 
-def _inspect_parts(inspection: Inspection, file: str, cruise: Cruise) -> None:
-    """Open the files of those instruments and series that are valid in an otherwise invalid mooring file."""
-    instruments, series = config.valid_parts(Path(), file)
-    rows = [HEAD]
-    for name, instrument in instruments.items():
-        settings = instrument.model_dump(mode="json", include=instrument.model_fields_set)
-        with inspection.noting(f"{file}: instruments.{name}"):
-            record = readers.read(instrument.format, [Path(each) for each in instrument.files], settings)
-            rows.append(_row(name, "", instrument, record))
-    inspection.lines += [f"{file}: not valid yet", *(f"  {line}" for line in align(rows))]
-    _inspect_covariates(inspection, file, series, (-np.inf, np.inf))
-    inspection.usable = False
-
-
 def _inspect_covariates(
     inspection: Inspection, where: str, series: Mapping[str, Covariate], deployment: tuple[float, float]
 ) -> None:
@@ -179,7 +163,7 @@ def _inspect_calibration(inspection: Inspection, name: str, cruise: Cruise) -> N
 
 
 def _row(name: str, part: str, instrument: Instrument, record: Record) -> tuple[str, ...]:
-    """Compose the table row of one record; ``part`` is its role, without which its directions are not yet known."""
+    """Compose the table row of one record; ``part`` is its role."""
     time_s = record.time_s
     if not len(time_s):
         return (name, part, instrument.format, "0", *[""] * (len(HEAD) - 4))
@@ -194,7 +178,7 @@ def _row(name: str, part: str, instrument: Instrument, record: Record) -> tuple[
         name, part, instrument.format, f"{len(time_s)}", _span(usual), f"{int(np.sum(steps > GAP * usual))}",
         *_dates(time_s).split(" to "), depths,
         f"{record.east.shape[1]}", _sectors(record.heading_deg[valid]),
-        _directions(record, inside) if part else "",
+        _directions(record, inside),
     )  # fmt: skip
 
 
@@ -251,21 +235,6 @@ def _inspect_pairs(inspection: Inspection, name: str, rules: Moorings, records: 
             inspection.lines.append(f"  with {source}: no pairs")
             why = "; ".join(pairs.warnings) or "no samples near enough in time and depth"
             inspection.problems.append(f"{name}: no pairs with {source}, so nothing is corrected by it: {why}")
-
-
-def _suggest_shared(moorings: Mapping[str, Mooring]) -> list[str]:
-    """Suggest ``compass`` for each serial number shared by affected instruments of several moorings, one line each."""
-    numbers: dict[str, list[str]] = {}
-    for name, mooring in moorings.items():
-        instrument = mooring.instruments[mooring.compromised]
-        number = stated_serial_number(mooring.attributes | instrument.attributes)
-        if number is not None and instrument.compass is None:
-            numbers.setdefault(number, []).append(name)
-    return [
-        f"{', '.join(names)}: serial number {number} in each; if it is one compass, compass: NAME in each says so"
-        for number, names in numbers.items()
-        if len(names) > 1
-    ]
 
 
 def _mixed_serials(moorings: Mapping[str, Mooring], inspections: Mapping[str, Inspection]) -> list[str]:

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.archive import provenance, variables
-from compasslib.archive.attributes import SENSOR_KEYS
-from compasslib.archive.deposit import OPTIONAL, deposit
+from compasslib.archive.deposit import deposit
 from compasslib.archive.files import CHUNK, atomic_write, open_netcdf, read_attribute, read_series, write_json
 from compasslib.archive.netcdf import days_since_1950, seconds_since_1970
 from compasslib.cli import results
@@ -67,18 +66,9 @@ def _export_cruise(asked: Namespace, into: Path) -> int:
         raise InputError("--to rocrate", expected=expected, found=asked.mooring, advice=advice)
     root = Path(asked.cruise).resolve()
     (file,) = _available_files(into, f"{root.name}.crate.zip")
-    loaded = config.load_cruise(root)
-    count = deposit(loaded, file)
+    count = deposit(config.load_cruise(root), file)
     print(file)
     print(f"{count} files", file=sys.stderr)
-    absent = [f"  {key}: {what}" for key, what in OPTIONAL.items() if key not in loaded.options.attributes]
-    for name, mooring in loaded.moorings.items():
-        if (product := root / "results" / name / "corrected.nc").is_file():
-            with open_netcdf(product) as nc:
-                keys = [key for key in SENSOR_KEYS if f"sensor_{key}" not in nc["HEADING"].ncattrs()]
-            absent += [f"  {', '.join(keys)}: of {name}'s instrument {mooring.compromised}"] if keys else []
-    if absent:
-        print("attributes that only the owner can give, not given:", *absent, sep="\n", file=sys.stderr)
     return 0
 
 

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +22,9 @@ from compasslib.config.draft import Drafted
 from compasslib.config.schema import KNOWN_SERIES
 from compasslib.config.values import DECIDE, shown
 from compasslib.errors import InputError
-from compasslib.preparation.deployment import apply_deployment
-from compasslib.preparation.pairs import ExplainedShare, compare_headings, is_affected
 from compasslib.readers import detect, iaga2002, nmea, nortek
 from compasslib.readers.netcdf.variables import is_ocean_contour, read_position
 from compasslib.readers.table import read_series
-from compasslib.records import DEEPEST_M, Record
 
 LEFT_OUT = ("config", "results")  # folders of a cruise that hold no exports
 NAMELESS = ("raw", "data", "exports", "")  # names of folders that do not name a mooring
@@ -296,7 +292,7 @@ def _overlap_in_time(first: Drafted, other: Drafted, *, share: float = 0.1) -> b
 
 def _roles(instruments: Mapping[str, Drafted]) -> tuple[str | None, str, list[str]]:
     """Identify the affected instrument, None where the files do not show it, the evidence, and possible references."""
-    turning = {name: each.record for name, each in instruments.items() if each.record and each.sectors}
+    turning = [name for name, each in instruments.items() if each.record and each.sectors]
     listed = []  # content of each record, to help the user to identify the affected instrument
     for name, each in instruments.items():
         if each.record is None:
@@ -305,43 +301,14 @@ def _roles(instruments: Mapping[str, Drafted]) -> tuple[str | None, str, list[st
         bins, depth = each.record.east.shape[1], f" at {each.depth_m:.0f} m" if each.depth_m > 0.0 else ""
         listed.append(f"{name}: {bins} bin{'s' * (bins != 1)}{depth}, headings in {each.sectors} of 36 sectors")
     affected, evidence = None, f"the instrument whose compass is near iron; {'; '.join(listed)}"
-    if all(each.record for each in instruments.values()):
-        if len(turning) == 1:
-            affected, evidence = next(iter(turning)), "the only instrument with headings"
-        elif len(turning) > 1:
-            affected, evidence = _by_directions(instruments, turning) or (affected, evidence)
+    if len(turning) == 1 and all(each.record for each in instruments.values()):
+        affected, evidence = turning[0], "the only instrument with headings"
     others = [
         name
         for name, each in instruments.items()
         if name != affected and (affected is None or _overlap_in_time(instruments[affected], each) or each.trouble)
     ]
     return affected, evidence, others if len(instruments) > 1 else []
-
-
-def _by_directions(instruments: Mapping[str, Drafted], turning: Mapping[str, Record]) -> tuple[str, str] | None:
-    """Find the compass whose heading explains the difference of current directions from every other instrument."""
-    cut = {
-        name: apply_deployment(
-            record,
-            start_s=instruments[name].span_s[0],
-            end_s=instruments[name].span_s[1],
-            water_depth=DEEPEST_M,  # unknown: no instrument is rejected
-            latitude=45.0,  # depth by pressure differs by 0.5 % between pole and equator
-            nominal_depth=instruments[name].depth_m or None,
-        )
-        for name, record in turning.items()
-    }
-    shares: dict[tuple[str, str], ExplainedShare] = {}
-    for first, other in combinations(turning, 2):
-        if parsed := compare_headings(cut[first], cut[other]):
-            shares[first, other], shares[other, first] = parsed
-    for name in turning:
-        pairs = [(shares[key], shares[key[::-1]], key[1]) for key in shares if key[0] == name]
-        if pairs and all(is_affected(share, others) for share, others, _ in pairs):
-            share = min(each.share for each, _, _ in pairs)
-            other_shares = " and ".join(f"{other}'s {max(others.share, 0.0):.0%}" for _, others, other in pairs)
-            return name, f"its heading explains {share:.0%} of the difference of directions, {other_shares}"
-    return None
 
 
 def _stem(path: Path, form: str) -> str:

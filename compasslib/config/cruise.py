@@ -10,7 +10,6 @@ import os
 import re
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -21,7 +20,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.json_schema import JsonSchemaMode, models_json_schema
 
 from compasslib.config.calibrations import MODELS, CalibrationFile, KindKey
-from compasslib.config.schema import Covariate, CruiseOptions, Instrument, Mooring
+from compasslib.config.schema import CruiseOptions, Mooring
 from compasslib.config.section import describe
 from compasslib.config.values import DECIDE, NAME, NAME_WORDS, RawFolder, shown
 from compasslib.errors import InputError
@@ -42,7 +41,6 @@ class Cruise:
     moorings: dict[str, Mooring]  #: by name, in the order of the files; NAME/ROLE if several instruments are affected
     mooring_files: dict[str, str]  #: path of the YAML file of each entry of ``moorings``, relative to ``root``
     calibrations: dict[str, CalibrationFile]  #: by name, the stem of the file name
-    refused_files: tuple[str, ...] = ()  #: mooring files that were left out because of mistakes
 
     @cached_property
     def whole(self) -> dict[str, list[str]]:
@@ -83,8 +81,7 @@ def load_cruise(cruise: Path, *, in_storage: bool = False, refuse: Callable[[Inp
     place = RawFolder(cruise, made_later=options.demonstration or in_storage)
     moorings: dict[str, Mooring] = {}
     files: dict[str, str] = {}
-    listed = _mooring_files(cruise, options.moorings)
-    for file in listed:
+    for file in _mooring_files(cruise, options.moorings):
         try:
             raw = read(cruise, file, "name: EG4")
             mooring = validate(Mooring, _with_options(raw, options), file, place)
@@ -112,8 +109,7 @@ def load_cruise(cruise: Path, *, in_storage: bool = False, refuse: Callable[[Inp
             refuse(mistake)
             for name in names:
                 del moorings[name], files[name]
-    refused = tuple(file for file in listed if file not in files.values())
-    return Cruise(cruise, options, moorings, files, calibrations, refused)
+    return Cruise(cruise, options, moorings, files, calibrations)
 
 
 def validate(model: type[Model], raw: dict[str, Any], file: str, place: RawFolder | None = None) -> Model:
@@ -144,23 +140,6 @@ def validate(model: type[Model], raw: dict[str, Any], file: str, place: RawFolde
     first, *others = mistakes.values()
     first.others = tuple(others)
     raise first
-
-
-def valid_parts(cruise: Path, file: str) -> tuple[dict[str, Instrument], dict[str, Covariate]]:
-    """Validate each instrument and covariate of a mooring file separately and leave out those with mistakes."""
-
-    def valid(model: type[Model], listed: Any) -> dict[str, Model]:
-        parts: dict[str, Model] = {}
-        for name, content in listed.items() if isinstance(listed, dict) else ():
-            with suppress(ValidationError):
-                parts[name] = model.model_validate(content, context=RawFolder(cruise, made_later=False))
-        return parts
-
-    try:
-        raw = decided(read(cruise, file, "name: EG4"))
-    except InputError:
-        raw = {}
-    return valid(Instrument, raw.get("instruments")), valid(Covariate, raw.get("covariates"))
 
 
 def undecided(raw: Any, place: str = "") -> list[str]:

@@ -96,18 +96,6 @@ No curve was fitted. {{ r.fit.why | sentence }}
         note="All pairs, those of the fit included; the line is equality.",
         of_pairs=True,
     ),
-    Figure(
-        "timeline",
-        lambda path, m: plots.timeseries.draw_timeline(path, m.product, m.pairs),
-        "Headings along time",
-        """\
-{% set h = r.headings %}
-{% if not h.n %}
-The record has no sample inside the deployment.
-{% elif h.corrected < h.n or h.doubtful %}
-{{ (h.corrected / h.n) | percent }} corrected, {{ (h.doubtful / h.n) | percent }} doubtful.
-{% endif %}""",
-    ),
 )
 SECTIONS = (
     Figure(

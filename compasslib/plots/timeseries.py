@@ -1,4 +1,4 @@
-"""Figures of a record and its currents: headings, sticks, progressive vectors, roses, section, heading errors."""
+"""Figures of the currents of a mooring: sticks, progressive vectors, roses, section and mean profile."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,110 +7,17 @@ from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
-from matplotlib.patches import Patch, StepPatch
+from matplotlib.patches import Patch
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from compasslib import angles
 from compasslib.archive.gridded import MeanProfile, SectionMeans
 from compasslib.archive.summary import GAP, BinCurrents, CurrentSeries
 from compasslib.plots import page
-from compasslib.records import PROBABLY_BAD, CorrectedRecord, Pairs
 from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import DAY_S, HOUR_S, Complexes, Floats
-
-POINT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.2, "markeredgewidth": 0}
-KINDS = {
-    "sure": ("corrected, flag 1 or 2", page.CORRECTED),
-    "doubtful": ("doubtful, flag 3", page.SKY),
-    "missing": ("not corrected, flag 4", page.BLACK),
-}
-
-
-def draw_timeline(path: str | Path, product: CorrectedRecord, pairs: Pairs) -> None:
-    """Draw time series of recorded and corrected headings with their quality, and of the instrument's depth."""
-    record = product.record
-    with page.create(path, 5.2) as figure:
-        panels = figure.subplots(4, 1, sharex=True, height_ratios=(3.0, 3.0, 1.0, 1.4))
-        for axes, title in zip(panels, ("recorded", "corrected", "samples by flag", "instrument"), strict=True):
-            axes.set_title(title)
-        if not len(record.time_s):
-            page.empty(*panels)
-            return
-        kind = classify_samples(product)
-        _draw_headings(panels[0], panels[1], product, kind)
-        _draw_strip(panels[2], record.time_s, pairs, kind)
-        gaps = page.find_gaps(record.time_s)
-        day, depth = np.insert(record.time_s / DAY_S, gaps, np.nan), np.insert(record.depth_m, gaps, np.nan)
-        panels[3].set_ylabel("Depth\n(m)")
-        if np.isfinite(depth).any():
-            panels[3].plot(day, depth, color="#444444", linewidth=0.7)
-            middle, half = (np.nanmax(depth) + np.nanmin(depth)) / 2.0, max(0.55 * np.ptp(depth[depth == depth]), 5.0)
-            panels[3].set_ylim(middle + half, middle - half)
-        else:
-            panels[3].annotate("unknown", (0.5, 0.5), xycoords="axes fraction", ha="center")
-        page.dates(panels[3], (float(record.time_s[0]), float(record.time_s[-1])))
-        handles: list[Artist] = [Patch(color=KINDS[k][1], label=KINDS[k][0]) for k in KINDS if (kind == k).any()]
-        if np.isin(kind, ("sure", "doubtful")).any():
-            handles.insert(0, page.line("recorded", **POINT | {"markersize": 3}, color=page.RECORDED))
-            handles.append(Patch(**page.SHADE, label="uncertainty, 1σ"))
-        page.legend(figure, [*handles, *([Patch(color=page.GREEN, label="days with reference")] if len(pairs) else [])])
-        figure.align_ylabels(panels)
-
-
-def classify_samples(product: CorrectedRecord) -> NDArray[np.str_]:
-    """Classify the heading of each sample, (n,), by a key of ``KINDS``; empty without a heading."""
-    kind = np.where(product.heading_corrected_quality >= PROBABLY_BAD, "doubtful", "sure")
-    kind = np.where(np.isfinite(product.heading_corrected_deg), kind, "missing")
-    return np.where(np.isfinite(product.record.heading_deg), kind, "")
-
-
-def _draw_headings(above: Axes, below: Axes, product: CorrectedRecord, kind: NDArray[np.str_]) -> None:
-    """Draw recorded and corrected headings on axes that are cut at the same heading."""
-    thin = slice(None, None, max(1, len(kind) // 10_000))  # a figure cannot show more
-    recorded, corrected = product.record.heading_deg[thin], product.heading_corrected_deg[thin]
-    begin = page.emptiest(np.concatenate([recorded, corrected]))
-    day, kind, sigma = product.record.time_s[thin] / DAY_S, kind[thin], product.heading_uncertainty_deg[thin]
-    for here, colour in ((kind != "missing", page.RECORDED), (kind == "missing", page.BLACK)):
-        above.plot(day[here], page.placed(recorded[here], begin), color=colour, **POINT)
-    heading = page.placed(corrected, begin)
-    for turn in (-360.0, 0.0, 360.0):  # the range of one standard deviation, wrapped at the ends of the axis
-        low, high = heading - sigma + turn, heading + sigma + turn
-        visible = (high > begin) & (low < begin + 360.0)
-        ends = np.stack([np.stack([day, low], axis=1), np.stack([day, high], axis=1)], axis=1)[visible]
-        # Axes.vlines masks every line separately and takes ten times as long.
-        below.add_collection(
-            LineCollection(list(ends), colors=page.CORRECTED, alpha=0.12, linewidths=0.7), autolim=False
-        )
-    for k in ("sure", "doubtful"):
-        below.plot(day[kind == k], heading[kind == k], color=KINDS[k][1], **POINT)
-    for axes, plotted in ((above, recorded), (below, corrected)):
-        page.degrees(axes.yaxis, (begin, begin + 360.0))
-        axes.set_ylabel(f"Heading\n{page.MAGNETIC}")
-        if not np.isfinite(plotted).any():
-            axes.annotate("none", (0.5, 0.5), xycoords="axes fraction", ha="center")
-
-
-def _draw_strip(axes: Axes, time_s: Floats, pairs: Pairs, kind: NDArray[np.str_]) -> None:
-    """Draw the daily share of each kind of sample, and above it the days with pairs."""
-    first, last = float(time_s[0]), float(time_s[-1])
-    step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
-    width = min(DAY_S, max((last - first) / 60, 2.0 * step))  # shorter slices in a short record
-    edges = first + width * np.arange(int((last - first) / width) + 2)
-    counts = [np.histogram(time_s[kind == k], edges)[0] for k in KINDS]
-    tops = 100.0 * np.cumsum(counts, axis=0) / np.maximum(np.sum(counts, axis=0), 1)
-    paired = np.histogram(pairs.time_s, edges)[0] > 0
-    bottoms = [np.zeros(len(edges) - 1), *tops[:-1], np.full(len(edges) - 1, 112.0)]
-    tops, colours = [*tops, np.where(paired, 135.0, 112.0)], [*(colour for _, colour in KINDS.values()), page.GREEN]
-    for top, bottom, colour in zip(tops, bottoms, colours, strict=True):
-        # Axes.stairs computes its data limits step by step, but here the limits are set explicitly.
-        axes.add_artist(StepPatch(top, edges / DAY_S, baseline=bottom, fill=True, color=colour, linewidth=0))
-    axes.set(ylim=(0.0, 140.0), yticks=[0.0, 100.0], ylabel="Samples\n(%)")
-
 
 LINES: dict[str, dict[str, Any]] = {name: {"color": colour} for name, colour in page.COLOURS.items()}
 LINES["reference"] |= {"linewidth": 3.0, "alpha": 0.6, "zorder": 1.5}  # the corrected one often lies on it

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,8 +21,7 @@ from compasslib.preparation.references import find_speed_changes
 from compasslib.preparation.water import fails_speed_check, predict_water, usable_velocities, veer_of_nearest_bins
 from compasslib.records import BAD, PROBABLY_GOOD, EarthField, Pairs, Record, pieces, take
 from compasslib.statistics import single_threaded
-from compasslib.statistics.resampling import block_sums, blocks_by_span
-from compasslib.types import DAY_S, Complexes, Floats
+from compasslib.types import Complexes, Floats
 
 ENOUGH = 30  # fewest pairs that show one recording, or a wrong frame
 # By (sign, k): the frame of the upper velocities if lower + sign * upper + k * heading (directions) is constant.
@@ -367,73 +366,3 @@ def match_ready_pairs(columns: Mapping[str, Floats], scale: float, record: Recor
             "headings of both"
         )
     return replace(pairs, warnings=(*pairs.warnings, *notes))
-
-
-# Identification of the affected one of two compasses: a compass error is a function of its own heading.
-#
-# The difference of the directions that two instruments measure is fitted with harmonics of one heading, and the fit is
-# evaluated on held-out blocks. Harmonics of the current direction are always included in the fit: headings follow the
-# current, so current shear would otherwise be mistaken for a deviation.
-
-
-class ExplainedShare(NamedTuple):
-    """Share of the misfit between two directions that a heading explains on held-out data, with standard error."""
-
-    share: float = 0.0
-    sigma: float = np.inf
-
-
-def compare_headings(record: Record, other: Record) -> tuple[ExplainedShare, ExplainedShare] | None:
-    """Compute the share of the difference of directions explained by each heading; None without suitable pairs.
-
-    Both records must be cut to the deployment and have known depths.
-    """
-    empty = np.zeros(2)
-    field = EarthField(np.array([0.0, 1.0]), empty, empty, empty, empty)  # a constant declination has no effect
-    for upper, lower in ((record, other), (other, record)):
-        pairs = find_pairs(upper, [lower], field, PairRules())
-        if not len(pairs) or pairs.lower_heading_deg is None:
-            continue
-        shares = explained_share(pairs, pairs.heading_deg), explained_share(pairs, pairs.lower_heading_deg)
-        return shares if upper is record else shares[::-1]
-    return None
-
-
-def is_affected(explained: ExplainedShare, other_explained: ExplainedShare) -> bool:
-    """Decide whether the first of two compasses is the affected one, by a relevant and significant share."""
-    least = max(0.02, 5.0 * explained.sigma)
-    return explained.share > max(least, 4.0 * other_explained.share)
-
-
-def explained_share(pairs: Pairs, heading_deg: Floats) -> ExplainedShare:
-    """Compute the share of the misfit explained by harmonics of a recorded heading, (n,) degrees.
-
-    The weight of a direction is its speed over the median speed, at most 2.
-    """
-    upper, lower = pairs.flows
-    turned = angles.argument(upper * np.conj(lower))
-    turned = angles.difference(turned, angles.mean(turned))
-    slower = np.minimum(np.abs(upper), np.abs(lower))
-    weight = np.minimum(slower / np.median(slower), 2.0)
-    known = np.isfinite(turned) & np.isfinite(heading_deg) & (slower > 0.0)
-    block = blocks_by_span(pairs.time_s[known], 5 * DAY_S)  # eddies and tides decorrelate in less
-    if len(np.unique(block)) < 12:
-        return ExplainedShare()
-    middle = angles.argument((upper / np.abs(upper) + lower / np.abs(lower))[known])
-    current = np.column_stack([np.ones(known.sum()), _harmonics(middle)])
-    both = np.column_stack([current, _harmonics(heading_deg[known])])
-    turned, weight, misfits = turned[known], weight[known], []
-    for columns in (current, both):  # weighted mean misfit of each block under a fit to the other folds, degrees
-        left = np.empty(len(turned))
-        for fold in range(8):
-            out = block % 8 == fold
-            rows = weight[~out, None]
-            coefficients = np.linalg.lstsq(rows * columns[~out], weight[~out] * turned[~out], rcond=1e-6)[0]
-            left[out] = weight[out] * np.abs(turned[out] - columns[out] @ coefficients)
-        misfits.append(block_sums(left, block) / block_sums(np.ones(len(left)), block))
-    gain = 1.0 - misfits[1] / misfits[0]
-    return ExplainedShare(float(gain.mean()), float(gain.std(ddof=1) / np.sqrt(len(gain))))
-
-
-def _harmonics(angle_deg: Floats) -> Floats:
-    return np.column_stack([part for order in (1, 2) for part in angles.sin_cos(order * angle_deg)])

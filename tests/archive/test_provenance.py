@@ -182,8 +182,7 @@ def test_software_url_is_the_address_of_the_library(processed, monkeypatch):
 
 def test_deposit_of_changed_results_is_refused(archive, tmp_path, capsys):
     assert main(["export", "--cruise", str(archive), "--to", "rocrate", "--into", str(tmp_path / "by_command")]) == 0
-    asked = capsys.readouterr().err.splitlines()
-    assert any(line.startswith("  manufacturer, model") and line.endswith(": of M1's instrument top") for line in asked)
+    assert "by_command" in capsys.readouterr().out
     (archive / "results/M1/corrected.nc").write_bytes(b"other")
     with pytest.raises(InputError, match=r"results/M1/corrected\.nc: expected the file that the manifest lists"):
         deposit.deposit(config.load_cruise(archive), tmp_path / "c.zip")

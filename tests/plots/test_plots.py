@@ -41,7 +41,7 @@ from tests.world.sea import record_of
 
 START_S, SAMPLES = 1188864000.0, 700
 UNFOLDED, FOLDED = [0.02, 0.3, 0.1, 0.03, -0.02], [0.0, -1.1, 0.7, 0.03, -0.02]
-DRAWN = ("deviation", "histograms", "progressive", "roses", "scatter", "sticks", "timeline")
+DRAWN = ("deviation", "histograms", "progressive", "roses", "scatter", "sticks")
 
 
 @dataclass(frozen=True)
@@ -56,8 +56,6 @@ class Mooring:
         pairs, product = self.pairs, self.product
         if figure == "deviation":
             deviation.draw_deviation(path, pairs, self.fit)
-        elif figure == "timeline":
-            timeseries.draw_timeline(path, product, pairs)
         elif figure == "scatter":
             deviation.draw_scatter(path, pairs, product)
         elif figure == "histograms":
@@ -134,9 +132,9 @@ KINDS = {
 CHECKED = dict.fromkeys(("unfolded", "folded", "published and folded", "no fit and no pairs"), DRAWN) | {
     "too few pairs": ("deviation", "scatter"),
     "fit from elsewhere": ("deviation",),
-    "nothing recorded": ("roses", "sticks", "progressive", "timeline"),
-    "one sample": ("timeline", "sticks"),
-    "no sample": ("timeline", "sticks", "progressive", "roses"),
+    "nothing recorded": ("roses", "sticks", "progressive"),
+    "one sample": ("sticks",),
+    "no sample": ("sticks", "progressive", "roses"),
 }
 
 
@@ -368,7 +366,7 @@ def test_figures_do_not_depend_on_rcparams(moorings, show, tmp_path):
         ("no fit and no pairs", "deviation", "no data"),
         ("too few pairs", "scatter", "no pairs"),
         ("nothing recorded", "roses", "no data"),
-        ("no sample", "timeline", "no data"),
+        ("no sample", "sticks", "no data"),
     ],
 )
 def test_panel_without_data_says_so(kind, figure, word, show):
@@ -450,14 +448,6 @@ def test_sector_shares_ignore_missing_angles():
     shares = plots_page.sectors([5.0, 365.0, np.nan, 355.0, 725.0], -10.0)
     assert shares.shape == (36,) and shares[0] == 25.0 and shares[1] == 75.0
     assert plots_page.sectors([np.nan], 0.0).sum() == 0.0
-
-
-def test_samples_are_classified_by_heading_correction():
-    six = corrected(record(SMALL, 6), SMALL_FIT, NONE)
-    six.heading_corrected_deg[3] = six.record.heading_deg[4] = np.nan
-    flags = np.array([1, 3, 3, 4, 4, 2], dtype=np.int8)
-    kinds = timeseries.classify_samples(replace(six, heading_corrected_quality=flags))
-    assert kinds.tolist() == ["sure", "doubtful", "doubtful", "missing", "", "sure"]
 
 
 def test_headings_flagged_bad_are_not_counted():

@@ -159,7 +159,7 @@ def test_every_figure_has_an_alternative_text_and_a_caption(done, document):
     pictures = document.all("img")
     drawn = [path for path in (done / "results").rglob("figures/*.png") if path.stem != "certificate"]
     of_pairs = sum(row.of_pairs for row in MOORING)  # ALONE has no pairs
-    assert len(drawn) == 2 * 11 + 5 + 2 * 2 and len(pictures) == len(drawn) - of_pairs
+    assert len(drawn) == 2 * 10 + 5 + 2 * 2 and len(pictures) == len(drawn) - of_pairs
     assert len({one.attributes["alt"] for one in pictures}) == len(pictures) <= len(document.all("figcaption"))
 
 
@@ -311,7 +311,7 @@ def test_large_fleet_has_links_to_its_figures(done, tmp_path, monkeypatch):
     described = settings.report(load_cruise(done))["moorings"]
     one = report.gather(done / "results", attributes={}, moorings=described, calibrations=["few"] * 3)
     section = next(section for section in one.moorings.sections if section.name == "M1")
-    assert len(section.figures) == 11
+    assert len(section.figures) == 10
     assert all(not figure.data and (done / "results" / figure.href).exists() for figure in section.figures)
     _, many = (written(tmp_path / f"{n}.html", [replace(section, anchor=f"m{k}") for k in range(n)]) for n in (1, 21))
     assert len(many.all("details")) == 21
