@@ -95,6 +95,12 @@ KINDS = (
         rb"(?:[01]\d{3}(?:[ \t]+[01]\d{3}){3,}\s*\n){3}",
         "convert them by the coefficients of the sensors, and give a text table with format: table",
     ),
+    Kind(
+        "a pointer of Git LFS or git-annex to a file that is elsewhere",
+        None,
+        rb"version https://git-lfs\.|(?:\.\.?)?/\S*annex/objects/",
+        "fetch the file itself (git lfs pull, or git annex get)",
+    ),
     *BELOW,
     Kind("an ODV spreadsheet", "odv", rb"(?://[^\n]*\n)*Cruise[\t;]Station[\t;]"),
     Kind(

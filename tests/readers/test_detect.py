@@ -39,6 +39,8 @@ WRITTEN = [
     ),
     (b"ODF_HEADER,\n FILE_SPECIFICATION='x',\n" * 9, "an ODF file; write format: table, skip_rows"),
     (b"\0" * 5000, "a file of nothing but zeros"),
+    (b"version https://git-lfs.github.com/spec/v1\noid sha256:edfd\nsize 162027\n", "a pointer of Git LFS"),
+    (b"../../.git/annex/objects/k8/XX/SHA256E-s1.000\n", "a pointer of Git LFS or git-annex"),
     (TABLE, "a text table"),
 ]
 
