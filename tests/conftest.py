@@ -21,7 +21,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 LONGEST = [
     "workflow/test_cluster", "inference/test_mooring", "docs", "archive/test_deposit", "workflow/test_rerun",
     "benchmarks", "workflow/test_workflow", "workflow/test_interruptions", "inference", "workflow/test_example",
-    "workflow/test_module", "workflow/test_calibrations", "pipeline", "report", "readers/test_fuzz", "stages",
+    "workflow/test_module", "workflow/test_calibrations", "pipeline", "report", "stages",
     "archive/test_provenance", "workflow",
 ]  # fmt: skip
 

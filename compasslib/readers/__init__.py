@@ -96,6 +96,8 @@ def read(form: str, paths: Sequence[Path], settings: Mapping[str, Any]) -> Recor
     """
     from compasslib.records import Record
 
+    if not paths:
+        raise InputError("files", expected="at least one file", found="none", advice="name the instrument's files")
     known = get_format(form)
     keys = {key: settings.get(key) for key in known.keys}
     if not known.plugin:

@@ -16,7 +16,7 @@ from typing import Any
 
 from compasslib.errors import InputError, TransientError
 from compasslib.readers import delimited, vocabulary
-from compasslib.readers.files import GZIP_MAGIC, MEGABYTE, TooLarge, is_utf16, unreadable
+from compasslib.readers.files import GZIP_MAGIC, LATIN_TEXT, MEGABYTE, TooLarge, is_utf16, unreadable
 
 HEAD_BYTES = 65536
 ALIKE = {"acm_table": "table", "csv": "table", "ocean_contour": "netcdf"}  # formats of one kind of file
@@ -113,7 +113,6 @@ KINDS = (
 )
 TABLE = Kind("a text table", "table")
 PROSE = Kind("a text without columns", None, advice=EXPORT)
-_PLAIN = bytes([*range(9, 14), *range(32, 127), *range(0xA0, 0xFF)])
 
 
 def detect_kind(path: str | Path) -> Kind | None:
@@ -191,7 +190,7 @@ def _kind_of_text(head: bytes) -> Kind | None:
 
 
 def _is_text(head: bytes) -> bool:
-    return len(head.translate(None, _PLAIN)) <= 0.02 * len(head)
+    return len(head.translate(None, LATIN_TEXT)) <= 0.02 * len(head)
 
 
 _UNIT = re.compile(

@@ -1,4 +1,4 @@
-"""Read bytes and text of raw files, limit their memory use and share of damage, and undo a modem's escapes and frames.
+"""Read bytes and text of raw files, limit their memory use and share of damage, and undo a modem's frames.
 
 Text may be compressed by gzip, and encoded in UTF-8, UTF-16 or Latin-1. A controller of inductive modems escapes 2B as
 18 6B and 18 as 18 58, in frames of a header (SOH, instrument, length, time, block, checksum, STX), data and ETX. This
@@ -11,7 +11,7 @@ from __future__ import annotations
 import gzip
 import re
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +31,7 @@ DAMAGE_ERRORS = (
 )
 GZIP_MAGIC = b"\x1f\x8b"
 _TEXT = bytes([*range(9, 14), *range(32, 127)])
-_LATIN = bytes([*range(0xA0, 0xFF)])  # without control characters and FF, a fill byte
+LATIN_TEXT = _TEXT + bytes([*range(0xA0, 0xFF)])  # without control characters and FF, a fill byte
 
 MISSING_COUNT = np.iinfo(np.int16).min  # missing value of RDI and Nortek
 NORTEK_START = 0xB58C  # initial value of Nortek's checksum, to which 16-bit words are added
@@ -51,6 +51,13 @@ def unreadable(path: str | Path, error: OSError) -> InputError:
     """Create the error for a file that cannot be opened or read."""
     shown = error.strerror or type(error).__name__
     return InputError(str(path), expected="a readable file", found=shown, advice="check the path")
+
+
+def foreign(path: str | Path, expected: str, form: str, found: str = "") -> InputError:
+    """Create the error for a file without any record of its format, whose first bytes it shows unless told more."""
+    beginning = read_bytes(path)[:16]
+    found = found or (f"a file that begins with {beginning!r}" if beginning else "an empty file")
+    return InputError(str(path), expected, found, f"check that format: {form} and the file belong together")
 
 
 def read_bytes(path: str | Path) -> bytes:
@@ -106,7 +113,7 @@ def read_text(path: Path) -> tuple[bytes, list[str], bool]:
         elif not data.isascii():
             data = data.decode("utf-8-sig").encode()
     except UnicodeError as error:
-        if wide or data.translate(None, _TEXT + _LATIN):
+        if wide or data.translate(None, LATIN_TEXT):
             expected, advice = "a readable CSV file in UTF-8, UTF-16 or Latin-1", "check path and format"
             raise InputError(str(path), expected=expected, found=error, advice=advice) from None
         data, notes = data.decode("latin-1").encode(), ["in Latin-1"]
@@ -170,12 +177,6 @@ def unescape(data: bytes) -> bytes:
     for pair, octet in ESCAPE_PAIRS:
         data = data.replace(pair, octet)
     return data
-
-
-def undo_escapes(data: bytes, count: Callable[[bytes], int]) -> tuple[bytes, bool]:
-    """Remove the escapes of a modem if the data seem to have them and more records are intact afterwards."""
-    plain = unescape(data) if looks_escaped(data) else data
-    return (plain, True) if plain is not data and count(plain) > count(data) else (data, False)
 
 
 def looks_escaped(data: bytes) -> bool:

@@ -160,8 +160,6 @@ def _of_winadcp(path: Path, variables: Mapping[str, Any]) -> Content:
     average_s = float(numbers.get("RDIPingsPerEns", np.zeros(1))[0] * numbers.get("RDISecPerPing", np.zeros(1))[0])
     notes = [NO_BIAS, *times.describe_averages(average_s, series["time"])]
     word = ("up" if np.mean(up) > 0.5 else "down") if len(up) else None
-    if len(up) and (other := int(np.sum(up != np.round(np.mean(up))))):
-        notes.append(f"AnOrienUP differs from the others in {other} of {len(up)} ensembles.")
     return Content(series, word, beam_angle_deg=BEAM_ANGLE_DEG, dated=True, notes=tuple(notes))
 
 

@@ -96,8 +96,6 @@ def read(paths: Sequence[Path], *, heading: str = "HDG", course: str = "RMC", ta
         f"left out of the log: {lost}": lost,
         f"{heading} and {course} come in blocks of one each: {n} courses were paired with the heading {side} them, "
         "in the order in which the log begins": n,
-        f"{counts['corrected']} HDG sentences state a deviation of their own; it is not applied, the sensor's heading "
-        "counts": counts["corrected"],
     }
     return NmeaLog(**log, counts=dict(counts), warnings=tuple(applicable(lines)))
 
@@ -157,7 +155,6 @@ def _collect(
             talkers[sentence.talker] += kind == heading and bool(np.isfinite(value))
             if kind == heading and talker and sentence.talker != talker:
                 continue
-            counts["corrected"] += kind == heading == "HDG" and bool(_number(sentence.deviation) > 0.0)
             if not 0.0 <= np.nan_to_num(value) <= (FASTEST_KN if kind == "VHW" else 360.0):
                 counts["impossible"] += 1
             elif np.isfinite(value):

@@ -55,11 +55,8 @@ def read(paths: Sequence[Path], *, orientation: str, bin_size: float, first_bin:
     frames, counts = _frames(paths)
     heads = np.frombuffer(b"".join(frame[: HEADER.itemsize] for frame in frames), HEADER)
     if not len(heads):
-        beginning = files.read_bytes(paths[0])[:16] if paths else b""
-        begins = f"a file that begins with {beginning!r}" if beginning else "an empty file"
-        shown = f"{counts['damaged']} that are damaged in {begins}"
-        advice = "check that format: pd12 and the file belong together"
-        raise InputError(where, expected="PD12 ensembles (6E 7F) with their checksum", found=shown, advice=advice)
+        shown = f"{counts['damaged']} that are damaged" if counts["damaged"] else ""
+        raise files.foreign(paths[0], "PD12 ensembles (6E 7F) with their checksum", "pd12", shown)
     if (partial := (heads["components"] & FOUR) != FOUR).any():
         shown = f"components {int(heads['components'][partial][0] & FOUR):04b} in {int(partial.sum())} ensembles"
         advice = "take the instrument's own recording, format: pd0"

@@ -137,8 +137,8 @@ def test_other_sentence_types_are_used_if_selected(tmp_path):
     assert np.all(np.diff(read.time_s) >= 0.0)
 
 
-def test_west_variation_is_negative_and_deviation_is_reported(tmp_path):
+def test_west_variation_is_negative_and_stated_deviation_is_not_applied(tmp_path):
     content = [x.replace(",10,E", ",10,W") for x in (y.split("*")[0][1:] for y in lines())]
     read = log(tmp_path, [sentence(x.replace(".0,,,", ".0,2.0,E,")) for x in content])
     assert set(read.variation_deg) == {-10.0}
-    assert "6 HDG sentences state a deviation of their own" in read.warnings[0]
+    assert read.heading_deg.tolist() == [0.0, 10.0, 20.0, 30.0, 40.0, 50.0]

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from compasslib import angles
 from compasslib.errors import InputError, applicable
 from compasslib.readers.delimited import DEFAULT_LAYOUT, Layout, find_head, read_table, table_notes
-from compasslib.readers.detect import detect_kind
+from compasslib.readers.detect import detect_kind, match_roles
 from compasslib.readers.files import read_bytes, refuse_mostly_damaged
 from compasslib.readers.mmp.scans import UNKNOWN, ProfileBlock, Scans, interpolate_clock, is_text, parse, read_scans
 from compasslib.records import GOOD, PROBABLY_BAD, Record, new_record
@@ -32,9 +32,6 @@ from compasslib.types import Bools, Floats
 
 USUAL_HZ = 2.0  # sample rate if neither the file nor the switching times determine it
 PARKED_S = 180.0  # a profiler rests at either end of a profile before and after the rows of its engineering file
-TIMES = ("time_utc", "time", "datetime", "date_time", "timestamp", "date")
-PRESSURES = ("pressure_dbar", "pressure", "pres", "dbar", "p_dbar")
-PROFILES = ("profile", "profile_number")
 EXPECTED = (
     "an unpacked engineering (E) or CTD (C) file of the profiler, or a CSV table with a header line and the columns"
     " time and pressure (time_utc or time, ISO; pressure_dbar or pressure, dbar)"
@@ -350,12 +347,12 @@ def _read_file(path: Path, layout: Layout) -> Companion:
 
 def _columns(names: Sequence[str]) -> dict[str, str]:
     """Match the headers of a table to roles; empty if time or pressure is missing."""
-    header = {name.lower(): name for name in names}
-    wanted = {"time": TIMES, "pressure": PRESSURES, "profile": PROFILES}
-    columns = {role: header[name] for role, given in wanted.items() for name in reversed(given) if name in header}
-    if {"date", "time"} <= set(header) and columns["time"] == header["time"]:
-        columns |= {"date": header["date"], "clock": columns.pop("time")}
-    return columns if "pressure" in columns and {"time", "clock"} & set(columns) else {}
+    roles = match_roles(names) | match_roles(names, {"profile": "profile(?:_number)?"})
+    if "time" not in roles and "clock" not in roles and "date" in roles:
+        roles["time"] = roles["date"]
+    wanted = ("time", "pressure", "profile") if "time" in roles else ("date", "clock", "pressure", "profile")
+    columns = {role: roles[role] for role in wanted if role in roles}
+    return columns if "pressure" in columns and {"time", "clock"} & {*columns} else {}
 
 
 def _bridge(step: Floats, least_s: float = 60.0, steps: float = 5.0, most_s: float = 600.0) -> float:

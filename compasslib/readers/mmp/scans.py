@@ -120,8 +120,6 @@ def read_scans(paths: Sequence[Path]) -> Scans:
     Raises:
         InputError: a file is unreadable or of neither kind, or no file holds a scan.
     """
-    if not paths:
-        raise InputError("files", expected=EXPECTED, found="no file", advice="name the instrument's files")
     parts = [_read_file(path) for path in paths]
     shift = np.cumsum([0, *(len(part.blocks) for part in parts)])
     profile = np.concatenate([part.profile + first for part, first in zip(parts, shift[:-1], strict=True)])
@@ -151,8 +149,7 @@ def _read_file(path: Path) -> Scans:
     else:
         text = parse(data if is_text(data) else b"", FORMS.__contains__, path)
         if data.strip() and text.form is None and not text.framed:
-            shown, advice = f"a file that begins with {data[:24]!r}", "check that format and file belong together"
-            raise InputError(str(path), expected=EXPECTED, found=shown, advice=advice)
+            raise files.foreign(path, EXPECTED, "mmp_acm")
         values = np.full((len(text.place), len(COLUMNS)), np.nan)
         values[:, len(COLUMNS) - text.values.shape[1] :] = text.values
         profile = np.repeat(np.arange(len(text.blocks)), [block.end - block.begin for block in text.blocks])
@@ -398,8 +395,7 @@ def _parse_binary(data: bytes, at: Ints, records: np.ndarray) -> tuple[Scans, in
 def _undo_modem(path: Path, data: bytes) -> tuple[bytes, tuple[str, ...]]:
     """Remove the framing and escapes of a modem from the profiles of a file, and describe the changes.
 
-    Frames of other instruments and repeated profiles are dropped. Data without frames that hold no more scans without
-    escapes than with them are returned unchanged.
+    Frames of other instruments and repeated profiles are dropped; data without frames are returned unchanged.
     """
     profiles: list[list[bytes]] = []
     last: dict[str, list[bytes]] = {}  # last profile of each instrument
@@ -409,15 +405,13 @@ def _undo_modem(path: Path, data: bytes) -> tuple[bytes, tuple[str, ...]]:
             profiles.append(last[instrument])
         elif instrument in last:  # continues the last profile of the instrument
             last[instrument].append(content)
-    if profiles:
-        sent, undone = b"".join(dict.fromkeys(b"".join(parts) for parts in profiles)), files.looks_escaped(data)
-    else:
-        sent, undone = files.undo_escapes(data, lambda sample: len(_find_records(sample)[0]))
-    notes = [f"{path.name} {files.ESCAPES_UNDONE}"] * undone
+    if not profiles:
+        return data, ()
+    notes = [f"{path.name} {files.ESCAPES_UNDONE}"] * files.looks_escaped(data)
     if len(last) > 1:
         held = f"{path.name} holds frames of {len(last)} instruments, {' and '.join(last)}"
         notes.append(f"{held}: give those of each as its own file")
-    return sent, tuple(notes)
+    return b"".join(dict.fromkeys(b"".join(parts) for parts in profiles)), tuple(notes)
 
 
 def _is_misplaced(clock_s: Floats, profile: Ints, jump_s: float = 2.0) -> Bools:

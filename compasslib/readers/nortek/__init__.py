@@ -19,8 +19,9 @@ import numpy as np
 from compasslib import angles, compass
 from compasslib.earthfield import AppliedDeclination, parse_applied_declination
 from compasslib.errors import InputError
+from compasslib.readers import files
 from compasslib.readers.delimited import Layout, read_head, read_table
-from compasslib.readers.files import ESCAPES_UNDONE, MISSING_COUNT, block_type, list_some, read_text
+from compasslib.readers.files import MISSING_COUNT, block_type, list_some, read_text
 from compasslib.readers.nortek import signature
 from compasslib.readers.nortek.packets import (
     SLANT_DEG,
@@ -299,9 +300,6 @@ def read(
         InputError: a file is unreadable or holds no velocities, files do not belong together, the instrument lay on
             its side, or the serial number differs.
     """
-    if not paths:
-        expected, advice = "at least one Nortek file", "name the instrument's files"
-        raise InputError("files", expected=expected, found="none", advice=advice)
     sources = dict.fromkeys(header_of(Path(path)) or Path(path) for path in paths)
     stated = parse_applied_declination(declination_applied)
     return join_records([_record(path, orientation, stated, serial_number) for path in sources])
@@ -321,9 +319,7 @@ def _record(
         samples = signature.decode(packets) if packets.signature else decode_older(packets)
     dated = np.isfinite(samples.time_s)
     if not dated.any():
-        advice = "check that format: nortek and the file belong together"
-        shown = f"{len(dated)} with impossible dates"
-        raise InputError(str(path), expected="samples with velocities", found=shown, advice=advice)
+        raise files.foreign(path, "samples with velocities", "nortek", f"{len(dated)} with impossible dates")
     undated, samples = int(np.sum(~dated)), samples if dated.all() else take(samples, dated)
     serial = match_serial_number(str(path), samples.serial, serial_number)
     n, lying = len(samples.time_s), 0 if samples.sideways is None else int(samples.sideways.sum())
@@ -419,8 +415,6 @@ def _describe(
 ) -> Iterator[str]:
     """Compose the warnings about a file and its settings."""
     name, n, inside = packets.path.name, len(samples.time_s), samples.declination_deg
-    if packets.escaped:
-        yield f"{name} {ESCAPES_UNDONE}; places are those of the bytes after that."
     if packets.skipped:
         yield (
             f"{name}: {packets.bytes_skipped} of {packets.data.size} bytes belong to no good record and were "

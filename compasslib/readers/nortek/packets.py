@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compasslib.errors import InputError
 from compasslib.readers import files
 from compasslib.readers.files import NORTEK_START, refuse_mostly_damaged
 from compasslib.records import Flags
@@ -51,7 +50,6 @@ class Packets:
     end: Places  # (k,) end of the record
     start: Places  # (k,) start of the record
     damaged: int  # number of places that begin like one of these records but fail its checksum
-    escaped: bool = False  # whether a modem's escapes were removed from the data
 
     @cached_property
     def skipped(self) -> list[tuple[int, int]]:
@@ -80,15 +78,10 @@ def find_packets(path: str | Path) -> Packets:
     Raises:
         InputError: the file cannot be read, holds no record of either format, or more damaged than intact records.
     """
-    stream = files.read_bytes(path)
-    stream, escaped = files.undo_escapes(stream, lambda tried: len(_find_records(np.frombuffer(tried, np.uint8))[1][0]))
-    data = np.frombuffer(stream, dtype=np.uint8)
+    data = np.frombuffer(files.read_bytes(path), dtype=np.uint8)
     marks, records, signature = _find_records(data)
     if not len(records[0]):
-        beginning = data[:16].tobytes()
-        shown = f"a file that begins with {beginning!r}" if beginning else "an empty file"
-        advice = "check that format: nortek and the file belong together"
-        raise InputError(str(path), expected="records of a Nortek file (A5)", found=shown, advice=advice)
+        raise files.foreign(path, "records of a Nortek file (A5)", "nortek")
     # Drop records that begin before the previous one ends: their checksum is valid by chance.
     apart = np.ones(len(records[1]), dtype=bool)
     after = 0
@@ -102,7 +95,7 @@ def find_packets(path: str | Path) -> Packets:
     heads = [data[at[at + 4 <= data.size][:, None] + np.arange(4)].copy().view("<u4")[:, 0] for at in (between, start)]
     damaged = int(np.isin(heads[0], heads[1]).sum())  # same first four bytes as a record of the file
     refuse_mostly_damaged(path, "Nortek records", damaged=damaged, whole=len(kind))
-    return Packets(Path(path), data, signature, kind, begin, end, start, damaged, escaped)
+    return Packets(Path(path), data, signature, kind, begin, end, start, damaged)
 
 
 def _find_records(data: Bytes) -> tuple[Places, _Columns, bool]:

@@ -52,7 +52,7 @@ def decode(path: str | Path) -> Ensembles:
     Raises:
         InputError: the file cannot be read or holds no ensemble with velocities.
     """
-    runs, _, _ = find_ensembles(path)
+    runs, _ = find_ensembles(path)
     decoded = [fields.decode_runs(batch) for batch in batches(runs)]
     parts = [part for part, _ in decoded if part]
     _refuse_empty(path, sum(map(len, parts)), sum((dropped for _, dropped in decoded), Counter[str]()))
@@ -78,8 +78,6 @@ def read(
     """
     applied = parse_applied_declination(declination_applied)
     settings = Settings(orientation, applied, heading_alignment, serial_number, sound_speed)
-    if not paths:
-        raise InputError("files", expected="at least one PD0 file", found="none", advice="name the instrument's files")
     content = sorted((_read_file(path, settings) for path in paths), key=lambda file: float(file.leaders.time_s[0]))
     return _record(", ".join(map(str, paths)), content, settings)
 
@@ -92,17 +90,13 @@ def _refuse_empty(path: str | Path, count: int, dropped: Counter[str]) -> None:
         raise InputError(str(path), expected=expected, found=shown, advice=FOUR)
     if count:
         return
-    beginning = files.read_bytes(path)[:16]
-    shown = f"a file that begins with {beginning!r}" if beginning else "an empty file"
-    if dropped:
-        shown = f"{dropped.total()} ensembles without velocities or with impossible dates"
-    advice = "check that format: pd0 and the file belong together"
-    raise InputError(str(path), expected="PD0 ensembles (7F 7F) with velocities", found=shown, advice=advice)
+    shown = f"{dropped.total()} ensembles without velocities or with impossible dates" if dropped else ""
+    raise files.foreign(path, "PD0 ensembles (7F 7F) with velocities", "pd0", shown)
 
 
 def _read_file(path: Path, settings: Settings) -> _File:
     """Read the leaders of one file in batches."""
-    runs, skipped, escaped = find_ensembles(path)
+    runs, skipped = find_ensembles(path)
     size, widest, dropped = Path(path).stat().st_size, 0, Counter[str]()
     most, count = sum(run.count for run in runs), 0
     used, columns = list[list[EnsembleRun]](), Columns()
@@ -136,7 +130,7 @@ def _read_file(path: Path, settings: Settings) -> _File:
     gaps = leaders.number[inside] - leaders.number[inside - 1] - 1
     # Decreasing numbers mark the start of a new recording, where the loss is unknown.
     counts["lost"] = int(gaps[gaps > 0].sum())
-    return _File(used, leaders, counts, tuple(describe_file(Path(path).name, counts, skipped, escaped=escaped)))
+    return _File(used, leaders, counts, tuple(describe_file(Path(path).name, counts, skipped)))
 
 
 def _refuse_padding(where: str, count: int, cells: int, size: int) -> None:
@@ -387,10 +381,8 @@ def _number_rows(rows: Floats) -> NDArray[np.int64]:
     return np.asarray(number.ravel()[np.cumsum(new) - 1], dtype=np.int64)
 
 
-def describe_file(name: str, counts: Mapping[str, int], skipped: Sequence[Skipped], *, escaped: bool) -> Iterator[str]:
+def describe_file(name: str, counts: Mapping[str, int], skipped: Sequence[Skipped]) -> Iterator[str]:
     """Compose the warnings about one file."""
-    if escaped:
-        yield f"{name} {files.ESCAPES_UNDONE}; places are those of the bytes after that."
     if skipped:
         damage = (
             f"; {counts['damaged']} places in them begin like an ensemble and fail its checksum, chance pairs of 7F "

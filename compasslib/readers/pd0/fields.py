@@ -331,7 +331,7 @@ def rewrite(source: str | Path, target: str | Path, turn: Turn) -> Rewritten:
     Raises:
         InputError: the source cannot be read.
     """
-    runs, skipped, _ = find_ensembles(source)
+    runs, skipped = find_ensembles(source)
     corrected, flagged = 0, 0
     with Path(target).open("wb") as file:
         for run in runs:

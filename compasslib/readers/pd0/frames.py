@@ -26,7 +26,6 @@ Places: TypeAlias = NDArray[np.int64]
 FIXED_LEADERS, VARIABLE_LEADERS = (0x0000, 0x0001), (0x0080, 0x0081)
 SHORTEST_FIXED, SHORTEST_VARIABLE = 34, 28  # bytes including the distance of bin 1; including the temperature
 CHECKSUM, PAST_THE_END, NO_ENSEMBLE = "checksum", "length runs past the end of the file", "not an ensemble"
-BEFORE_THE_FIRST = "junk before the first ensemble"
 
 _MARK = 0x7F
 _HEADER = 8  # bytes up to and including the first offset, needed to check a candidate
@@ -51,7 +50,7 @@ class EnsembleRun:
     offset: int  # byte offset of the first ensemble in the file
     count: int
     layout: Layout
-    source: Path | Bytes  # the file, or its bytes without the escapes of a modem
+    source: Path | Bytes  # the file, or its bytes
 
     @property
     def size(self) -> int:
@@ -88,19 +87,15 @@ class _Candidates:
     led: Places  # of the failed, those whose first offset points to a fixed leader directly behind the offsets
 
 
-def find_ensembles(path: str | Path) -> tuple[list[EnsembleRun], list[Skipped], bool]:
+def find_ensembles(path: str | Path) -> tuple[list[EnsembleRun], list[Skipped]]:
     """Find the ensembles of a file and the bytes between them; together they cover the whole file.
-
-    Also tell whether a modem's escapes were removed from the bytes.
 
     Raises:
         InputError: the file cannot be read.
     """
-    data, escaped = files.undo_escapes(files.read_bytes(path), lambda tried: sum(run.count for run in scan(tried)[0]))
-    runs, skipped = scan(data)
-    if not escaped:  # years of bytes are not held while their velocities fill the memory
-        runs = [replace(run, source=Path(path)) for run in runs]
-    return runs, skipped, escaped
+    runs, skipped = scan(files.read_bytes(path))
+    # Years of bytes are not held while their velocities fill the memory.
+    return [replace(run, source=Path(path)) for run in runs], skipped
 
 
 def batches(runs: Sequence[EnsembleRun]) -> Iterator[list[EnsembleRun]]:
@@ -137,7 +132,6 @@ def scan(stream: bytes, window: int = files.CHUNK_BYTES) -> tuple[list[EnsembleR
             damaged += len(bad)
             failed += int(np.diff(np.searchsorted(found.led, [start, stop]))[0])
             if stop < data.size:
-                reason = BEFORE_THE_FIRST if reason == NO_ENSEMBLE and not runs else reason
                 break
         skipped.append(Skipped(start, stop - start, reason, damaged, failed))
         start = stop
