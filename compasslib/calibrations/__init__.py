@@ -54,7 +54,7 @@ KINDS: dict[str, Kind] = {
     "declination": Kind("observatory.calibrate", ("series",), by_heading=False, formats=("iaga2002",)),
     "two_heads": Kind("two_heads.calibrate", formats=("pd0",)),
 }
-FIGURES = ("deviation", "certificate")  # common to all kinds with a deviation curve
+FIGURES = ("deviation",)  # common to all kinds with a deviation curve
 
 MODELS = {  # descriptions of the deviation curves
     "smith": "Smith's five terms",
@@ -83,10 +83,8 @@ def calibrate(kind: str, files: Sequence[str | Path], settings: Mapping[str, Any
 
     module, name = KINDS[kind].function.split(".")
     function, offered = getattr(import_module(f"compasslib.calibrations.{module}"), name), KINDS[kind].formats
-    series = set(settings.get("observatory") or ())  # these have another format
-    tables = [file for file in files if str(file) not in series]
     form, advice = settings.get("format") or offered[0], "correct file or kind in the calibration's file"
-    with detect.format_hints(form, tables, offered=offered, advice=advice):
+    with detect.format_hints(form, files, offered=offered, advice=advice):
         made: Calibration = function(files, earthfield.resolve_settings(settings))
     return made
 

@@ -15,8 +15,7 @@ from compasslib.calibrations import TWO_TURNS, curves, read_columns, result
 from compasslib.calibrations.curves import EXACT, ONE_CYCLE, SMITH, CurveForm, FittedCurve, Points
 from compasslib.calibrations.result import PLATFORM, TILT, Calibration, DeviationTable, Source
 from compasslib.deviation.series import series_design
-from compasslib.errors import InputError, applicable
-from compasslib.readers import iaga2002
+from compasslib.errors import applicable
 from compasslib.types import Floats
 
 ROLES = ("reference_deg", "recorded_deg")
@@ -42,21 +41,15 @@ class BenchReadings:
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
-    """Calibrate a compass on a bench, with readings of it spun in one place and a record of the field."""
-    spun, observatory = list(settings.get("spun") or ()), list(settings.get("observatory") or ())
-    files = [file for file in files if str(file) not in {*spun, *observatory}]
-    columns, notes = read_columns(files, settings, (*ROLES, "time_utc") if observatory else ROLES, bounds=TWO_TURNS)
+    """Calibrate a compass on a bench, with readings of it spun in one place."""
+    spun = list(settings.get("spun") or ())
+    columns, notes = read_columns([file for file in files if str(file) not in spun], settings, ROLES, bounds=TWO_TURNS)
     known = np.isfinite(columns["reference_deg"] + columns["recorded_deg"])
-    mounting = settings.get("mounting_deg")
-    reference = angles.wrap360(columns["reference_deg"][known] + (mounting or 0.0))
-    recorded, conditions = columns["recorded_deg"][known], dict[str, Any]()
-    if observatory:
-        reference, conditions["observatory"] = _correct_field(reference, columns["time_utc"][known], observatory)
-    given = settings.get("uncertainty") or {}
+    reference, recorded = angles.wrap360(columns["reference_deg"][known]), columns["recorded_deg"][known]
+    conditions, given = dict[str, Any](), settings.get("uncertainty") or {}
     if spun:
         turned, _ = read_columns(spun, settings, ROLES, bounds=TWO_TURNS)
-        spun_reference = angles.wrap360(turned["reference_deg"] + (mounting or 0.0))
-        found = measure_homogeneity(reference, recorded, spun_reference, turned["recorded_deg"])
+        found = measure_homogeneity(reference, recorded, turned["reference_deg"], turned["recorded_deg"])
         conditions["homogeneity"] = found
         if given.get("homogeneity_deg") is None and found["max_deg"] is not None:
             given = {**given, "homogeneity_deg": abs(found["max_deg"])}
@@ -64,8 +57,8 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     step = float(settings.get("table_step_deg", 10.0))
     fitted = calibrate_readings(BenchReadings(reference, recorded), rows, table_step_deg=step)
     doubts: list[str] = []
-    if mounting is None and (shift := fitted.details.get("constant_shift")):
-        doubts = _constant_doubts(shift["value_deg"], shift["sigma_deg"], settings.get("declination_deg"), files)
+    if shift := fitted.details.get("constant_shift"):
+        doubts = _constant_doubts(shift["value_deg"], shift["sigma_deg"], settings.get("declination_deg"))
     if settings.get("budget") == result.LE_MENN and given.get("field_deg") is None and fitted.model != "none":
         level = (settings.get("field") or {}).get("horizontal_nT", result.PAPER_FIELD_NT)
         conditions["physical_field"] = result.physical_field(fitted.sources, level)
@@ -75,29 +68,6 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         details={**fitted.details, **conditions, "doubts": doubts},
         warnings=(*notes, *lost, *fitted.warnings, *doubts, *missing),
     )
-
-
-def _correct_field(reference_deg: Floats, time_s: Floats, files: Sequence[str]) -> tuple[Floats, dict[str, Any]]:
-    """Correct reference directions, (n,), for changes of the declination, where recorded within 1.5 intervals."""
-    series = iaga2002.read(files)
-    known = np.isfinite(series.declination_deg)
-    at, declination = series.time_s[known], series.declination_deg[known]
-    if len(at) < 2 or not np.isfinite(time_s).any():
-        text = f"{series.station} has no declination at the times of the readings, which stay uncorrected"
-        return reference_deg, {"station": series.station, "corrected": 0, "range_deg": None, "text": text}
-    nearest = np.array([np.min(np.abs(at - t)) if np.isfinite(t) else np.inf for t in time_s])
-    near = nearest <= 1.5 * np.median(np.diff(at))
-    change, count, size = np.zeros(reference_deg.shape), int(near.sum()), 0.0
-    if count:
-        change[near] = np.interp(time_s[near], at, declination)
-        change[near] -= np.mean(change[near])
-        size = float(np.ptp(change[near]))
-    text = (
-        f"{count} of {len(near)} readings are corrected for changes of the declination at {series.station}, "
-        f"{size:.2f} degrees in all; field_deg may then be the noise alone"
-    )
-    corrected = {"station": series.station, "corrected": count, "range_deg": size, "text": text}
-    return angles.wrap360(reference_deg - change), corrected
 
 
 def measure_homogeneity(
@@ -122,19 +92,8 @@ def measure_homogeneity(
     return {"max_deg": largest, "mean_deg": mean, "text": text}
 
 
-def _constant_doubts(
-    value: float, sigma: float, declination_deg: float | None, files: Sequence[str | Path]
-) -> list[str]:
+def _constant_doubts(value: float, sigma: float, declination_deg: float | None) -> list[str]:
     """Explain a constant that is large or equals the declination, and is thus unlikely to be the compass's own."""
-    if abs(value) >= 87.0:  # a quarter turn, but for a compass's own constant
-        stood = float(angles.wrap360(-90.0 * np.round(value / 90.0)))
-        raise InputError(
-            ", ".join(str(file) for file in files),
-            expected="a constant of less than a quarter turn, or mounting_deg in the calibration's file",
-            found=f"A {value:+.1f} degrees",
-            advice=f"write mounting_deg: {stood:.0f} if the instrument stood so on the bench, clockwise, or the bench "
-            "was read from the other side; mounting_deg: 0 if the constant is the compass's own",
-        )
     if abs(value) <= 2.0 * sigma:
         return []
     near, reasons = max(2.0 * sigma, 0.5), []
@@ -143,7 +102,7 @@ def _constant_doubts(
         alike = [text for text, sign in signs.items() if abs(value - sign * declination_deg) < near]
         reasons = [f"it is the declination, {declination_deg:+.1f}{text}: reference_deg may be true" for text in alike]
     if abs(value) > 5.0:  # larger than the alignment errors of benches and mounts
-        reasons.append("the instrument may have stood turned (mounting_deg), or reference_deg is true")
+        reasons.append("the instrument may have stood turned, or reference_deg is true")
     text = f"a constant of {value:+.1f} degrees, which turns all headings alike: {'; '.join(reasons)}"
     return [text] if reasons else []
 

@@ -58,7 +58,7 @@ class CalibrationFile(KindKey):
     @property
     def raw_files(self) -> tuple[str, ...]:
         """All files that the calibration is made from."""
-        return (*self.files, *getattr(self, "spun", ()), *getattr(self, "observatory", ()))
+        return (*self.files, *getattr(self, "spun", ()))
 
     @property
     def placed(self) -> bool:
@@ -125,17 +125,15 @@ class Platform(TableFile):
 
     format: Annotated[Literal["csv"], TABLE_IS_CSV] = key("csv", "csv", "csv")
     columns: PlatformColumns = key("a mapping", "{reference_deg: bench, recorded_deg: heading}", PlatformColumns())
-    mounting_deg: values.Number | None = key("degrees", "180", None, ge=-360, le=360)
     spun: values.Files = key(FILES_WORDS, "raw/cal/spun.csv", ())
-    observatory: values.Files = key(FILES_WORDS, "raw/obs/*.min", ())
     object: NearObject | None = key("a mapping", "{distance_m: 0.6, size_m: 0.2}", None)
     budget: Literal["le_menn"] | None = key("le_menn", "le_menn", None)
     uncertainty: Uncertainty = key("a mapping", "{graduation_deg: 0.26}", Uncertainty())
 
     @model_validator(mode="after")
     def _readings_are_apart(self) -> Self:
-        if not {*self.files} - {*self.spun, *self.observatory}:
-            raise problem("file", "another file than spun and observatory", shown(self.files[0]), "correct one")
+        if not {*self.files} - {*self.spun}:
+            raise problem("file", "another file than spun", shown(self.files[0]), "correct one")
         return self
 
 

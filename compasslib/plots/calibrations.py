@@ -1,4 +1,4 @@
-"""Figures of a calibration: deviation with its curves, certificate, tilt, magnetometer, observatory declination.
+"""Figures of a calibration: deviation with its curves, tilt, magnetometer, observatory declination.
 
 They draw what is available: recorded_deg, deviation_deg and residual_deg of the points, the table, and ``models``.
 """
@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -18,9 +18,8 @@ from compasslib import angles, compass
 from compasslib.archive.calibrations import StoredCalibration
 from compasslib.calibrations import MODELS
 from compasslib.calibrations.curves import harmonic_design
-from compasslib.calibrations.result import LETTERS
 from compasslib.calibrations.swing import adjustment
-from compasslib.deviation.series import series_design, series_deviation
+from compasslib.deviation.series import series_design
 from compasslib.plots import page
 from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import DAY_S, Floats
@@ -34,7 +33,6 @@ LIMIT: dict[str, Any] = {"color": page.VERMILION, "linewidth": 0.8, "linestyle":
 EDGE: dict[str, Any] = {"color": page.GREY, "linewidth": 1.0, "linestyle": (0, (4, 2))}
 DOT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 1.6, "markeredgewidth": 0}
 POINT: dict[str, Any] = DOT | {"markersize": 3.5, "color": page.BLACK}
-SERIES: dict[str, Any] = {"color": page.BLACK, "linestyle": (0, (2.5, 1.5)), "linewidth": 1.0}
 MODEL: dict[str, Any] = {"color": page.GREY, "linewidth": 1.2, "linestyle": (0, (4, 2))}
 STORM: dict[str, Any] = {"color": page.VERMILION, "alpha": 0.18, "linewidth": 0}
 MOST_BARS, LOG = 100, 1000  # points above which no error bars are drawn, and of a log that may have spikes
@@ -45,7 +43,7 @@ GAMMA, DEVIATION, FILE_UNIT = "Recorded heading γ (° magnetic)", "Deviation β
 def draw_figure(figure: str, path: str | Path, shown: StoredCalibration) -> None:
     """Draw one figure of a calibration: ``compared``, or one of ``calibrations.FIGURES`` or ``calibrations.KINDS``."""
     draw = {
-        "deviation": draw_deviation, "certificate": draw_certificate, "compared": draw_compared,
+        "deviation": draw_deviation, "compared": draw_compared,
         "tilt": draw_tilt, "magnetometer": draw_magnetometer, "series": draw_series,
     }  # fmt: skip
     draw[figure](path, shown)
@@ -175,109 +173,6 @@ def draw_compared(path: str | Path, shown: StoredCalibration) -> None:
         page.legend(figure, handles, columns=1)
 
 
-def draw_certificate(path: str | Path, shown: StoredCalibration) -> None:
-    """Draw the one-page certificate of a calibration: curve, table, coefficients, uncertainty, date and place."""
-    title = f"{shown.content['name']}: calibration of a compass, kind {shown.content['kind']}"
-    text, high = writing(shown), 3.1
-    first = max(len(text.about), len(text.budget)) + 1  # line at which the table begins
-    last = first + len(text.table) + 1
-    height_in = LINE_IN * (last + len(text.notes) + 2)
-    with page.create(path, high + 0.7 + height_in, width_in=page.WIDE_IN, title=title) as figure:
-        curve, below = figure.subplots(2, 1, height_ratios=(high, height_in))
-        if handles := deviation_panel(curve, shown):
-            curve.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
-        below.set_axis_off()
-        parts = ((0.0, 0, text.about), (0.52, 0, text.budget), (0.0, first, text.table), (0.0, last, text.notes))
-        for across, line, lines in parts:
-            family = "sans-serif" if lines is text.notes else "monospace"
-            offset = (0.0, -72.0 * LINE_IN * line)
-            below.annotate("\n".join(lines), (across, 1.0), offset, family=family, **TEXT)
-
-
-LINE_IN = 0.131  # line height of this text
-UNKNOWN, SPACE = "–", " " * 8
-TEXT: dict[str, Any] = {
-    "xycoords": "axes fraction", "textcoords": "offset points", "va": "top", "fontsize": 7.0, "linespacing": 1.35,
-    "annotation_clip": False,
-}  # fmt: skip
-
-
-class Writing(NamedTuple):
-    """Lines of text below the curve of a certificate."""
-
-    about: list[str]
-    budget: list[str]
-    table: list[str]
-    notes: list[str]
-
-
-def writing(shown: StoredCalibration) -> Writing:
-    """Compose the text of a certificate."""
-    content = shown.content
-    extras = [content.get("constant_shift"), content.get("comparison")]
-    texts = [f"No curve: {content['why'].rstrip('.')}."] if content["why"] else []
-    texts += [f"Note: {text.rstrip('.')}." for text in content["warnings"]]
-    texts += [extra["text"] for extra in extras if extra and extra.get("text")]
-    uncertainty = content["uncertainty"]
-    names = {name: name.removesuffix("_deg").replace("_", " ") for name in uncertainty["rows"]}
-    wide = max([18, *(1 + len(text) for text in names.values())])
-    rows = [f"  {names[name]:<{wide}}{row['standard_deg']:6.2f}°" for name, row in uncertainty["rows"].items()]
-    ends = (("combined", "standard_deg"), ("expanded (k = 2)", "expanded_deg"))
-    totals = [f"  {name:<{wide}}{_number(uncertainty[key], '6.2f')}°" for name, key in ends]
-    return Writing(
-        [*_about(content), "", *_coefficients(content)],
-        ["standard uncertainties", *rows, "", *totals],
-        _table(shown),
-        [line for text in texts for line in textwrap.wrap(text, 118)],
-    )
-
-
-def _about(content: Mapping[str, Any]) -> list[str]:
-    place, field = content["place"], content["place"]["field"]
-    where = UNKNOWN if place["latitude"] is None else angles.position(place["latitude"], place["longitude"])
-    strength = UNKNOWN if field is None else f"H {field['horizontal_nT']:.0f} nT, Z {field['vertical_nT']:.0f} nT"
-    late, model = content["lag_s"] if content.get("delay") else None, MODELS.get(content["model"], content["model"])
-    return [
-        f"date        {place['date'] or UNKNOWN}",
-        f"place       {where}",
-        f"field       {strength}",
-        f"readings    {content['n']} in {content['coverage']} of 36 sectors",
-        f"model       {textwrap.shorten(model, 40, placeholder=' …')}",
-        f"residual    {_number(content['residual_rms_deg'], '.2f')}° rms",
-        *([f"course late {late[0]:.1f} ± {NORMAL_95 * late[1]:.1f} s (95 %), applied"] if late else []),
-    ]
-
-
-def _coefficients(content: Mapping[str, Any]) -> list[str]:
-    letters, exact = content["coefficients"], content["exact"]
-    if not (letters or exact):
-        return ["coefficients: none"]
-    covariance = content["covariance"] if letters else exact["covariance"]
-    sigma = dict(zip(LETTERS, np.sqrt(np.diag(np.array(covariance, dtype=float))), strict=True))
-    if letters:
-        rows = [f"    {k}   {_number(letters[k], '+7.2f')}°  ± {_number(s, '.2f')}°" for k, s in sigma.items()]
-        return ["series in the recorded heading, ± standard", *rows]
-    rows = [f"    {k}   {exact['coefficients'][k]:+8.4f}  ± {s:.4f}" for k, s in sigma.items()]
-    return ["exact compass, ± standard", *rows]
-
-
-def _table(shown: StoredCalibration, columns: int = 3) -> list[str]:
-    table = shown.table
-    if not np.isfinite(table.deviation_deg).any():
-        return ["table of deviations: none"]
-    rows = [
-        f"{h:5.0f}° {_number(d, '+.2f'):>7}° {_number(s, '.2f'):>6}°"
-        for h, d, s in zip(table.heading_deg, table.deviation_deg, table.sigma_deg, strict=True)
-    ]
-    high = -(-len(rows) // columns)
-    head = SPACE.join([f"{'head.':>6} {'dev.':>8} {'unc.':>7}"] * columns)
-    return [head, *(SPACE.join(rows[k::high]) for k in range(high))]
-
-
-def _number(value: float | None, form: str) -> str:
-    return UNKNOWN if value is None or not np.isfinite(value) else format(value, form)
-
-
 def draw_tilt(path: str | Path, calibration: StoredCalibration) -> None:
     """Draw the corrections of pitch and roll against the recorded tilt, with the curves and their 95 % band."""
     axes, points = calibration.content.get("axes", {}), calibration.points
@@ -308,17 +203,14 @@ def draw_tilt(path: str | Path, calibration: StoredCalibration) -> None:
 
 
 def draw_magnetometer(path: str | Path, calibration: StoredCalibration) -> None:
-    """Draw readings before and after calibration, the modulus against the heading, and the deviation."""
-    points, table = calibration.points, calibration.table
+    """Draw readings before and after calibration, and the modulus against the heading."""
+    points = calibration.points
     if not points:
         with page.create(path, 1.0) as figure:
             page.empty(figure.subplots(), words="nothing fitted")
         return
-    rows = ["ab", "cc"]
-    if "recorded_deg" in points or table.heading_deg.size:  # the correction needs the dip, or headings
-        rows += ["dd"]
-    with page.create(path, 2.2 * len(rows)) as figure:
-        panels = list(figure.subplot_mosaic("\n".join(rows), height_ratios=(1.1, 1, 1)[: len(rows)]).values())
+    with page.create(path, 4.4) as figure:
+        panels = list(figure.subplot_mosaic("ab\ncc", height_ratios=(1.1, 1)).values())
         if calibration.content["field_is"] == "horizontal":
             _draw_level_plane(panels[0], calibration)
             if "z" in points:
@@ -331,8 +223,6 @@ def draw_magnetometer(path: str | Path, calibration: StoredCalibration) -> None:
             _draw_plane(panels[0], calibration, ("x", "y"))
             _draw_plane(panels[1], calibration, ("x", "z"))
         _draw_modulus(panels[2], calibration)
-        if len(panels) > 3:
-            _draw_correction(panels[3], calibration)
         dot = DOT | {"markersize": 4.0}
         handles: list[Artist] = [
             page.line("before", **dot, color=page.RECORDED),
@@ -340,12 +230,6 @@ def draw_magnetometer(path: str | Path, calibration: StoredCalibration) -> None:
             page.line(f"fitted {calibration.content['model']}", color=page.VERMILION, linewidth=1.0),
             page.line("without iron", color=page.BLACK, linewidth=1.0),
         ]
-        if table.heading_deg.size:
-            handles += [
-                page.line("exact correction", color=page.GREEN),
-                Patch(**page.BAND, label="95 % band"),
-            ]
-            handles += [page.line("five-term series", **SERIES)]
         page.legend(figure, handles)
 
 
@@ -401,23 +285,6 @@ def _draw_modulus(axes: Axes, calibration: StoredCalibration) -> None:
             axes.plot(middle, np.where(count >= 3, total / np.maximum(count, 1), np.nan), color=colour)
             page.degrees(axes.xaxis, (0.0, 360.0))
             axes.set_xlabel("Heading, recorded or corrected (°)")
-
-
-def _draw_correction(axes: Axes, calibration: StoredCalibration) -> None:
-    """Draw the deviation against the recorded heading: readings, exact curve with its 95 % band, five-term series."""
-    points, table = calibration.points, calibration.table
-    if "recorded_deg" in points:
-        recorded, deviation = points["recorded_deg"], points["deviation_deg"]
-        axes.plot(recorded, deviation, **_dots(page.CORRECTED, len(recorded)))
-    if table.heading_deg.size:
-        heading, value, sigma = (np.append(v, v[0]) for v in (table.heading_deg, table.deviation_deg, table.sigma_deg))
-        heading[-1] = 360.0
-        axes.fill_between(heading, value - NORMAL_95 * sigma, value + NORMAL_95 * sigma, **page.BAND)
-        axes.plot(heading, value, color=page.GREEN)
-        axes.plot(
-            TURN_DEG, series_deviation(np.array([*calibration.content["coefficients"].values()]), TURN_DEG), **SERIES
-        )
-    _by_heading(axes)
 
 
 def _dots(colour: str, count: int) -> dict[str, Any]:

@@ -21,7 +21,6 @@ class Figure:
     title: str
     caption: str = ""  # template of r, of a calibration or compass c: the results
     note: str = ""  # how it is read, once for all moorings
-    linked: bool = False  # not embedded in the report
     of_pairs: bool = False  # whether it is left out where there are neither pairs nor a curve
 
 
@@ -120,10 +119,8 @@ SECTIONS = (
 )
 
 
-def _calibration(name: str, title: str, caption: str, *, linked: bool = False) -> Figure:
-    return Figure(
-        name, lambda path, m: plots.calibrations.draw_figure(name, path, m.stored), title, caption, linked=linked
-    )
+def _calibration(name: str, title: str, caption: str) -> Figure:
+    return Figure(name, lambda path, m: plots.calibrations.draw_figure(name, path, m.stored), title, caption)
 
 
 CALIBRATION = (
@@ -144,7 +141,6 @@ CALIBRATION = (
 {{ c.n }} readings, no curve.
 {% endif %}""",
     ),
-    _calibration("certificate", "Certificate", "On one page; all its numbers are in the tables here.", linked=True),
     _calibration(
         "magnetometer",
         "Magnetometer readings before and after",

@@ -45,10 +45,9 @@ class ReportFigure:
     title: str
     caption: str
     href: str  # URL of the file, relative to the page
-    data: str = ""  # the picture as a data URI; empty if it is only linked
+    data: str = ""  # the picture as a data URI
     width: int = 0  # pixels
     height: int = 0
-    linked: bool = False  # whether it is not embedded
 
 
 @dataclass(frozen=True)
@@ -239,9 +238,7 @@ def collect_figures(folder: Path, root: Path, subjects: Sequence[str], **given: 
     """Collect the figures of a mooring or calibration that were drawn, by name, in the order of the table."""
     drawn = {row: folder / f"figures/{row.name}.png" for subject in subjects for row in FIGURES[subject]}
     return {
-        row.name: ReportFigure(
-            row.title, words.caption(row.caption, **given), relative_link(path, root), linked=row.linked
-        )
+        row.name: ReportFigure(row.title, words.caption(row.caption, **given), relative_link(path, root))
         for row, path in drawn.items()
         if path.exists()
     }
@@ -259,7 +256,7 @@ def embed(figures: Iterable[ReportFigure], root: Path) -> tuple[ReportFigure, ..
         folder = path.parents[1]
         if folder not in stored:
             stored[folder] = files.read_pictures(folder)
-        picture, size = ("", (0, 0)) if figure.linked else stored[folder].get(path.stem) or files.embed_png(path)
+        picture, size = stored[folder].get(path.stem) or files.embed_png(path)
         embedded.append(replace(figure, data=picture, width=size[0], height=size[1]))
     return tuple(embedded)
 

@@ -52,7 +52,7 @@ def test_example_calibration_is_read_with_its_defaults(cruise: Path) -> None:
     assert calibrations.settings(loaded["aqd"]) == {
         "declination": "auto", "latitude": 48.4, "longitude": -4.5, "date_s": 1664409600.0, "withhold": [],
         "table_step_deg": 10, "format": "csv", "columns": {}, "budget": None,
-        "mounting_deg": None, "object": None, "parts": [], "spun": [], "observatory": [],
+        "object": None, "parts": [], "spun": [],
         "uncertainty": dict.fromkeys(result.ROWS),
     }  # fmt: skip
 

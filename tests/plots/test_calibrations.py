@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import imread
-from matplotlib.text import Annotation
 
 from compasslib.archive.calibrations import StoredCalibration
 from compasslib.calibrations import FIGURES, platform, result
 from compasslib.calibrations.platform import BenchReadings
 from compasslib.calibrations.result import Calibration, DeviationTable
 from compasslib.plots import calibrations, deviation
-from compasslib.plots.page import DPI, WIDE_IN, WIDTH_IN
+from compasslib.plots.page import DPI, WIDTH_IN
 from tests.world.bench import FOLDED, readings, ring
 from tests.world.figures import saved
 
@@ -55,27 +54,8 @@ def draw(folder: Path, case: str, figure: str) -> tuple[Path, Figure]:
 def test_figures_of_every_outcome_are_complete_with_full_size_panels(tmp_path, case, figure):
     path, behind = draw(tmp_path, case, figure)
     image = imread(path)
-    width_in = WIDE_IN if figure == "certificate" else WIDTH_IN  # a certificate fills a page
-    assert image.shape[1] == round(width_in * DPI) and image[..., :3].std() > 0.02
+    assert image.shape[1] == round(WIDTH_IN * DPI) and image[..., :3].std() > 0.02
     assert all(min(axes.bbox.size) >= 0.8 * DPI for axes in behind.axes)
-
-
-@pytest.mark.parametrize("case", ["whole", "polynomial", "one"])
-def test_certificate_texts_stay_on_the_page_without_overlap(tmp_path, case):
-    _, figure = draw(tmp_path, case, "certificate")
-    figure.draw_without_rendering()
-    texts = [text for axes in figure.axes for text in axes.texts if isinstance(text, Annotation)]
-    boxes = [text.get_window_extent() for text in texts if text.get_text()]
-    assert all(box.y0 >= 0.0 and box.x1 <= figure.bbox.width and box.y1 <= figure.bbox.height for box in boxes)
-    assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
-
-
-def test_certificate_states_place_date_and_uncertainty():
-    text = calibrations.writing(page("whole"))
-    assert "date        2022-09-29" in text.about and "place       48.4000° S, 175.5000° W" in text.about
-    assert len(text.table) == 13 and text.table[1].startswith("    0° ")
-    assert any(line.startswith("  expanded (k = 2)") for line in text.budget) and "maker accuracy" in str(text.budget)
-    assert calibrations.writing(page("one")).table == ["table of deviations: none"]
 
 
 def test_calibration_without_curves_still_has_figures(tmp_path):

@@ -18,7 +18,7 @@ from tests.world.sea import cruise, pairs
 
 AT_SEA = (0.02, 0.3, 0.1, 0.03, -0.02)
 SAMPLES = 600
-FIGURES = {"deviation.png", "certificate.png", "diagnosis.png"}
+FIGURES = {"deviation.png", "diagnosis.png"}
 
 
 def at_brest(coefficients) -> np.ndarray:
