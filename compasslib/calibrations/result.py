@@ -13,7 +13,6 @@ from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from compasslib import angles
 from compasslib.deviation.model import weak_field_warnings
@@ -29,7 +28,6 @@ COVERAGE_FACTOR = 2.0  # k of an expanded uncertainty (Le Menn et al. 2023, sect
 PLATFORM, TILT = "platform", "tilt"
 DIPOLE = 3.0  # exponent of the decrease with distance
 FAR_SIZES = 2.0  # distance, in sizes of the object, beyond which it may be a dipole
-EXPONENTS = np.arange(0.5, 8.001, 0.01)
 SAFE_DEG = 0.5  # harmless change of the deviation
 
 
@@ -322,20 +320,14 @@ def describe_object(changes: Sequence[ObjectChange], size_m: float) -> dict[str,
             | dict(zip("BC", each.change_deg.tolist(), strict=True))
             for each in changes
         ],
-        **dict.fromkeys(("p_value", "exponent", "safe_distance_m")),
+        **dict.fromkeys(("p_value", "safe_distance_m")),
     }
     if near:
         where = ", ".join(f"{each.distance_m:g} m" for each in near)
         texts.append(f"At {where} it is nearer than twice its size and no dipole: nothing follows for other distances.")
-    if len(changes) >= 4 and not near:
-        misfits = fit_fall(far, EXPONENTS)[2]
-        within, best = EXPONENTS[misfits <= misfits.min() + 4.0], float(EXPONENTS[np.argmin(misfits)])  # two sigmas
-        low, high = float(within[0]), float(within[-1])
-        content["exponent"] = {"value": best, "low": low, "high": high}
-        texts.append(f"They fall with the power {best:.1f} of the distance ({low:.1f} to {high:.1f}).")
     if far:
-        strength, covariance, misfit = fit_fall(far, DIPOLE)
-        p_value = float(chdtrc(2 * len(far) - 2, float(misfit))) if len(far) > 1 else None
+        strength, covariance, misfit = fit_dipole(far)
+        p_value = float(chdtrc(2 * len(far) - 2, misfit)) if len(far) > 1 else None
         content["p_value"] = p_value
         if p_value is not None and p_value < 0.01:
             texts.append("No dipole falls so: no safe distance follows.")
@@ -351,17 +343,14 @@ def describe_object(changes: Sequence[ObjectChange], size_m: float) -> dict[str,
     return content | {"text": " ".join(texts)}
 
 
-def fit_fall(changes: Sequence[ObjectChange], exponent: ArrayLike) -> tuple[Floats, Floats, Floats]:
-    """Fit the vector M of changes M / r^n by generalized least squares for each n: M, covariance, chi-squared."""
+def fit_dipole(changes: Sequence[ObjectChange]) -> tuple[Floats, Floats, float]:
+    """Fit the vector M of changes M / r^3 by generalized least squares: M, covariance, chi-squared."""
     n = len(changes)
-    covariance = (
-        np.einsum("kl,kij->kilj", np.eye(n), [each.covariance for each in changes]) + changes[0].common[:, None]
-    )
-    precision = np.linalg.inv(covariance.reshape(2 * n, 2 * n)).reshape(n, 2, n, 2)
-    observed = np.array([each.change_deg for each in changes])
-    shares = np.array([each.distance_m for each in changes]) ** -np.asarray(exponent, dtype=float)[..., None]
-    covariance = np.linalg.inv(np.einsum("...k,kilj,...l->...ij", shares, precision, shares))
-    pull = np.einsum("...k,kilj,lj->...i", shares, precision, observed)
-    strength = np.einsum("...ij,...j->...i", covariance, pull)
-    square = np.einsum("ki,kilj,lj", observed, precision, observed) - np.einsum("...i,...i", pull, strength)
-    return strength, covariance, np.maximum(square, 0.0)
+    each = np.einsum("kl,kij->kilj", np.eye(n), [change.covariance for change in changes])
+    precision = np.linalg.inv((each + changes[0].common[:, None]).reshape(2 * n, 2 * n))
+    observed = np.concatenate([change.change_deg for change in changes])
+    design = np.kron(np.array([[change.distance_m**-DIPOLE] for change in changes]), np.eye(2))
+    covariance = np.linalg.inv(design.T @ precision @ design)
+    strength = covariance @ design.T @ precision @ observed
+    left = observed - design @ strength
+    return strength, covariance, float(left @ precision @ left)

@@ -224,7 +224,6 @@ class MagnetometerFile(TableFile):
 
     format: Annotated[Literal["csv", "mmp_acm"], TABLE_IS_CSV] = key("csv or mmp_acm", "csv", "csv")
     columns: MagnetometerColumns = key("a mapping", "{x: mx, y: my}", MagnetometerColumns())
-    covariates: tuple[values.Text, ...] = key("a list of columns that a mismatch may follow", "[pressure_dbar]", ())
 
 
 class DeclinationSeries(CalibrationFile):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +41,6 @@ class Log:
     warnings: tuple[str, ...] = ()
     temperature_c: Floats | None = None
     axis_by_axis: bool = False  # each tilt levels only its own axis, as the logger itself does
-    channels: Mapping[str, Floats] = field(default_factory=dict)  # (n,) each, others that a mismatch may follow
 
     @property
     def tilted(self) -> bool:
@@ -74,11 +73,10 @@ class Axes:
 
 
 def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
-    """Read the log from files, with the settings ``format``, ``columns``, ``withhold`` and ``covariates``."""
+    """Read the log from files, with the settings ``format``, ``columns`` and ``withhold``."""
     if settings.get("format") == "mmp_acm":
         return _read_acm([Path(file) for file in files], set(settings.get("withhold") or ()))
-    others = tuple(settings.get("covariates") or ())
-    read, notes = read_columns(files, settings, ("x", "y", *others), (*MEASURED, "time_utc", "temperature_c"))
+    read, notes = read_columns(files, settings, ("x", "y"), (*MEASURED, "time_utc", "temperature_c"))
     measured = ["x", "y", *(role for role in MEASURED if role in read and np.isfinite(read[role]).any())]
     good, warnings = np.all([np.isfinite(read[role]) for role in measured], axis=0), list(notes)
     if not good.all():
@@ -95,7 +93,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
         warnings.append("All tilts are zero: they are taken as not logged, and the readings as level.")
     elif tilts and "z" not in columns:
         warnings.append("Without z the tilts cannot be compensated: the readings are taken as level.")
-    log = _compose(columns, int((~good).sum()), warnings, others)
+    log = _compose(columns, int((~good).sum()), warnings)
     if not len(log.raw):
         return log
     low, high = np.percentile(log.raw, (1.0, 99.0), axis=0)  # range of the central 98 % of an axis
@@ -104,9 +102,7 @@ def read(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Log:
     return log.take(~spike, f"{spike.sum()} of {spike.size} readings are spikes and excluded.") if spike.any() else log
 
 
-def _compose(
-    columns: Mapping[str, Floats], left_out: int, warnings: Sequence[str], channels: Sequence[str] = ()
-) -> Log:
+def _compose(columns: Mapping[str, Floats], left_out: int, warnings: Sequence[str]) -> Log:
     z, tilted = columns.get("z"), {"z", *TILTS} <= {*columns}
     return Log(
         raw=np.column_stack([columns["x"], columns["y"], np.zeros(len(columns["x"])) if z is None else z]),
@@ -118,7 +114,6 @@ def _compose(
         left_out=left_out,
         warnings=tuple(warnings),
         temperature_c=columns.get("temperature_c"),
-        channels={name: columns[name] for name in channels},
     )
 
 

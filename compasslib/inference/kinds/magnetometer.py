@@ -261,7 +261,6 @@ def _conditions(log: Log, body: Floats) -> tuple[Scene, dict[str, Floats], NDArr
     columns |= {"vertical_field": body[:, 2] / abs(body[:, 2].mean())} if log.has_z and body[:, 2].mean() else {}
     if log.temperature_c is not None and _warmed(log):
         columns["temperature"] = covariate_series.fill_gaps(log.temperature_c)
-    columns |= {name: covariate_series.fill_gaps(x) for name, x in log.channels.items() if covariate_series.varies(x)}
     columns = {name: column[samples] for name, column in columns.items()}
     departures = {name: column - column.mean() for name, column in columns.items() if name == "temperature"}
     departures["turn_rate"] = rate[samples]
