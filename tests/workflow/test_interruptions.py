@@ -7,7 +7,6 @@ import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import cycle
 from pathlib import Path
 
 import pytest
@@ -16,46 +15,39 @@ from tests.world.bench import readings, write_calibration
 from tests.world.launch import command, completed, environment, hashes, snakemake
 from tests.world.sea import FOLDED, cruise
 
-# A file of each stage, most often the last of its results.
-STAGES = {
-    "read": "M1/work/top.nc",
-    "calibrate": "calibrations/bench/work/points.csv",
-    "overlap": "M1/work/pairs/wide.nc",
-    "usable": "usable.json",
-    "compare_calibrations": "calibrations/bench/calibration.json",
-    "fit": "M1/work/fit.json",
-    "diagnose_alone": "M1/work/alone/summary.json",
-    "combine_records": "compasses/X/diagnosis.json",
-    "diagnose_jointly": "M1/deviation.json",
-    "correct": "M1/histograms.csv",
-    "grid": "M1/gridded.nc",
-    "figures": "M1/work/pictures.json",
-    "sections": "M1/figures/profile.png",
-    "summary": "summary.csv",
-    "cruise_figures": "figures/curves.png",
-    "report": "report.html",
-    "provenance": "ro-crate-metadata.json",
-    "complete": "logs/complete.json",
-}
 KILLS = {
     "job": "os.kill(os.getpid(), 9)",
     "Snakemake": "os.kill(os.getppid(), 9)",  # while its job goes on
     "all": "os.killpg(0, 9)",
 }
-
-
-def killing(kills: dict[str, str]) -> str:
-    """Return code for the process of a run: before a result is renamed from its half-written form, kill, but only once.
-
-    Args:
-        kills: which process is killed, a key of ``KILLS``, by result.
-    """
-    code = {f"results/{file}": KILLS[which] for file, which in kills.items()}
-    return f"""
+# What is killed before a file of each stage, most often the last of its results, is renamed from its half-written form.
+# Jobs that do not wait for each other are killed in the same run.
+KILLED = {
+    "M1/work/top.nc": "job",
+    "calibrations/bench/work/points.csv": "job",
+    "M1/work/pairs/wide.nc": "Snakemake",
+    "usable.json": "all",
+    "calibrations/bench/calibration.json": "job",
+    "M1/work/fit.json": "job",
+    "M1/work/alone/summary.json": "all",
+    "compasses/X/diagnosis.json": "Snakemake",
+    "M1/deviation.json": "all",
+    "M1/histograms.csv": "job",
+    "M1/gridded.nc": "Snakemake",
+    "M1/work/pictures.json": "job",
+    "M1/figures/profile.png": "job",
+    "figures/curves.png": "job",
+    "summary.csv": "all",
+    "report.html": "job",
+    "ro-crate-metadata.json": "Snakemake",
+    "logs/complete.json": "all",
+}
+# Code for the process of a run.
+KILLING = f"""
 import os, pathlib
 os.setsid()
 pathlib.Path("killed").mkdir(exist_ok=True)
-kills = {code}
+kills = { {f"results/{file}": KILLS[which] for file, which in KILLED.items()} }
 def replace(temporary, path, move=os.replace):
     mark = pathlib.Path("killed", str(path).replace("/", " "))
     if str(path) in kills and not mark.exists():
@@ -100,13 +92,13 @@ def products(folder: Path) -> dict[str, str]:
 def test_run_killed_in_each_stage_resumes_to_the_results_of_an_uninterrupted_one(done, changed, tmp_path):
     """As the cruise has results of other raw files, no older or half-written result is taken for a whole one."""
     folder, rounds = Path(shutil.copytree(changed, tmp_path / "c")), 0
-    raw, first = hashes(folder / "raw"), killing(dict(zip(STAGES.values(), cycle(KILLS), strict=False)))
-    while (ran := snakemake(folder, drawn=False, first=first)).returncode:
+    raw = hashes(folder / "raw")
+    while (ran := snakemake(folder, drawn=False, first=KILLING)).returncode:
         rounds += 1
-        assert rounds <= len(STAGES), ran.stderr
+        assert rounds <= len(KILLED), ran.stderr
         if ran.returncode < 0:
             assert snakemake(folder, "--unlock").returncode == 0
-    assert len(list((folder / "killed").iterdir())) == len(STAGES)
+    assert len(list((folder / "killed").iterdir())) == len(KILLED)
     assert products(folder) == products(done) and hashes(folder / "raw") == raw
 
 
