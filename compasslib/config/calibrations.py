@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from compasslib.config import values
-from compasslib.config.schema import CENTURY_S, CLOCK_HEADER, DATE_HEADER, FILES_WORDS, TIME_WORDS, TableKeys
+from compasslib.config.schema import CENTURY_S, FILES_WORDS, TIME_WORDS, TableKeys
 from compasslib.config.section import Section, key
 from compasslib.config.values import problem, shown
 from compasslib.readers import TABLE_KEYS
@@ -17,19 +17,29 @@ BETWEEN = ("compare_with", "compass", "sphere")  # keys that relate a calibratio
 SINGLE_COMPASS_KINDS = ("platform", "swing", "magnetometer")  # kinds that determine the iron of one compass
 
 
-def _header(unit: str) -> Any:
-    return key(f"the header of a column ({unit})", "heading", None)
-
-
-def _row(what: str) -> Any:
-    return key(f"{what}, degrees", "0.26", None, ge=0, le=180)
-
-
 TABLE_IS_CSV = BeforeValidator(lambda value: "csv" if value == "table" else value)
 Angle = Annotated[values.Number, Field(ge=-360, le=360)]
 Pair = Annotated[tuple[Angle, Angle], values.listed(float, 2)]
 Direction = Literal["up", "down"]
 Orientations = Annotated[tuple[Direction, Direction], values.listed(Direction, 2)]
+# Headers of tables by role, needed only where they differ from the role; config/README.md has the units.
+PlatformColumns = dict[Literal["reference_deg", "recorded_deg", "time_utc"], values.Text]
+TiltColumns = dict[Literal["reference_tilt_deg", "recorded_pitch_deg", "recorded_roll_deg"], values.Text]
+SwingColumns = dict[Literal["compass_deg", "cog_deg", "true_deg", "speed_kn", "time_utc", "date", "clock"], values.Text]
+MagnetometerColumns = dict[
+    Literal["x", "y", "z", "pitch_deg", "roll_deg", "heading_deg", "time_utc", "date", "clock", "temperature_c"],
+    values.Text,
+]
+# Contributions to the uncertainty budgets of platform and tilt, defined in ``calibrations.result.ROWS``.
+Uncertainty = dict[
+    Literal[
+        "graduation_deg", "slope_deg", "ruggedness_deg", "protractor_deg", "field_deg", "declination_deg",
+        "homogeneity_deg", "maker_accuracy_deg",
+    ],
+    Annotated[values.Number, Field(ge=0, le=180)],
+]  # fmt: skip
+_BUDGET = "a mapping of contributions to degrees from 0 to 180"
+NearObject = dict[Literal["distance_m", "size_m"], Annotated[values.Number, Field(gt=0, le=100)]]
 
 
 class KindKey(Section):
@@ -92,43 +102,17 @@ class TableFile(CalibrationFile, TableKeys):
         return self
 
 
-class PlatformColumns(Section):
-    """Headers of the table of a platform, by role; needed only where they differ from the role."""
-
-    reference_deg: values.Text | None = _header("degrees, magnetic")
-    recorded_deg: values.Text | None = _header("degrees, magnetic")
-    time_utc: values.Text | None = _header("UTC")
-
-
-class Uncertainty(Section):
-    """Contributions to the uncertainty budgets of platform and tilt, defined in ``calibrations.result.ROWS``."""
-
-    graduation_deg: values.Number | None = _row("a standard uncertainty")
-    slope_deg: values.Number | None = _row("a largest error")
-    ruggedness_deg: values.Number | None = _row("a standard uncertainty")
-    protractor_deg: values.Number | None = _row("an expanded uncertainty")
-    field_deg: values.Number | None = _row("a largest error")
-    declination_deg: values.Number | None = _row("a largest error")
-    homogeneity_deg: values.Number | None = _row("a largest error")
-    maker_accuracy_deg: values.Number | None = _row("a maker's accuracy")
-
-
-class NearObject(Section):
-    """An object whose influence is measured on the bench."""
-
-    distance_m: values.Number = key("metres", "0.6", gt=0, le=100)
-    size_m: values.Number = key("metres", "0.2", gt=0, le=100)
-
-
 class Platform(TableFile):
     """A compass on a bench with known directions."""
 
     format: Annotated[Literal["csv"], TABLE_IS_CSV] = key("csv", "csv", "csv")
-    columns: PlatformColumns = key("a mapping", "{reference_deg: bench, recorded_deg: heading}", PlatformColumns())
+    columns: PlatformColumns = key("a mapping of roles to headers", "{reference_deg: bench, recorded_deg: heading}", {})
     spun: values.Files = key(FILES_WORDS, "raw/cal/spun.csv", ())
-    object: NearObject | None = key("a mapping", "{distance_m: 0.6, size_m: 0.2}", None)
+    object: NearObject | None = key(
+        "distance_m and size_m, metres from 0 to 100", "{distance_m: 0.6, size_m: 0.2}", None, min_length=2
+    )
     budget: Literal["le_menn"] | None = key("le_menn", "le_menn", None)
-    uncertainty: Uncertainty = key("a mapping", "{graduation_deg: 0.26}", Uncertainty())
+    uncertainty: Uncertainty = key(_BUDGET, "{graduation_deg: 0.26}", {})
 
     @model_validator(mode="after")
     def _readings_are_apart(self) -> Self:
@@ -137,33 +121,13 @@ class Platform(TableFile):
         return self
 
 
-class TiltColumns(Section):
-    """Headers of the table of a tilt sensor, by role; needed only where they differ from the role."""
-
-    reference_tilt_deg: values.Text | None = _header("degrees")
-    recorded_pitch_deg: values.Text | None = _header("degrees")
-    recorded_roll_deg: values.Text | None = _header("degrees")
-
-
 class TiltFile(TableFile):
     """A tilt sensor on a tilted platform."""
 
     format: Annotated[Literal["csv"], TABLE_IS_CSV] = key("csv", "csv", "csv")
-    columns: TiltColumns = key("a mapping", "{reference_tilt_deg: protractor}", TiltColumns())
+    columns: TiltColumns = key("a mapping of roles to headers", "{reference_tilt_deg: protractor}", {})
     budget: Literal["le_menn"] | None = key("le_menn", "le_menn", None)
-    uncertainty: Uncertainty = key("a mapping", "{protractor_deg: 0.12}", Uncertainty())
-
-
-class SwingColumns(Section):
-    """Headers of the table of a swing, by role; needed only where they differ from the role."""
-
-    compass_deg: values.Text | None = _header("degrees, magnetic")
-    cog_deg: values.Text | None = _header("degrees, true")
-    true_deg: values.Text | None = _header("degrees, true")
-    speed_kn: values.Text | None = _header("knots")
-    time_utc: values.Text | None = _header("UTC")
-    date: values.Text | None = DATE_HEADER
-    clock: values.Text | None = CLOCK_HEADER
+    uncertainty: Uncertainty = key(_BUDGET, "{protractor_deg: 0.12}", {})
 
 
 class VisualMark(Section):
@@ -184,7 +148,7 @@ class SwingFile(TableFile):
     """A swing: a vessel turned under way, with its course by satellite navigation."""
 
     format: Annotated[Literal["csv", "nmea0183"], TABLE_IS_CSV] = key("csv or nmea0183", "csv", "csv")
-    columns: SwingColumns = key("a mapping", "{compass_deg: hdg, cog_deg: cog}", SwingColumns())
+    columns: SwingColumns = key("a mapping of roles to headers", "{compass_deg: hdg, cog_deg: cog}", {})
     talker: values.Text | None = key("the talker of the log's headings", "HC", None)
     min_speed_kn: values.Number | None = key("knots", "2", None, ge=0, le=100)
     max_turn_deg_s: values.Number | None = key("degrees a second", "1", None, gt=0, le=90)
@@ -204,26 +168,11 @@ class SwingFile(TableFile):
         return self.format == "nmea0183" or super().placed
 
 
-class MagnetometerColumns(Section):
-    """Headers of the table of a magnetometer, by role; needed only where they differ from the role."""
-
-    x: values.Text | None = _header("any unit, forward")
-    y: values.Text | None = _header("any unit, starboard")
-    z: values.Text | None = _header("any unit, down")
-    pitch_deg: values.Text | None = _header("degrees")
-    roll_deg: values.Text | None = _header("degrees")
-    heading_deg: values.Text | None = _header("degrees, magnetic")
-    time_utc: values.Text | None = _header("UTC")
-    date: values.Text | None = DATE_HEADER
-    clock: values.Text | None = CLOCK_HEADER
-    temperature_c: values.Text | None = _header("degrees Celsius")
-
-
 class MagnetometerFile(TableFile):
     """A magnetometer logged while the instrument is turned."""
 
     format: Annotated[Literal["csv", "mmp_acm"], TABLE_IS_CSV] = key("csv or mmp_acm", "csv", "csv")
-    columns: MagnetometerColumns = key("a mapping", "{x: mx, y: my}", MagnetometerColumns())
+    columns: MagnetometerColumns = key("a mapping of roles to headers", "{x: mx, y: my}", {})
 
 
 class DeclinationSeries(CalibrationFile):
@@ -259,6 +208,4 @@ MODELS: dict[str, type[CalibrationFile]] = {
 def settings(file: CalibrationFile) -> dict[str, Any]:
     """Collect the settings of a kind: all keys except files and links to others; those of tables only if given."""
     unset = {key for key in TABLE_KEYS if key not in file.model_fields_set}
-    plain = file.model_dump(mode="json", exclude={"kind", "files", *BETWEEN} | unset)
-    columns = {role: header for role, header in plain.get("columns", {}).items() if header is not None}
-    return {**plain, "columns": columns}
+    return file.model_dump(mode="json", exclude={"kind", "files", *BETWEEN} | unset)

@@ -70,7 +70,10 @@ def describe(model: type[BaseModel], error: Any, file: str) -> InputError:
     elif kind == "model_type" and inner:
         texts |= {"expected": "a mapping", "advice": f"write below it keys out of {', '.join(allowed_keys(inner))}"}
     elif kind == "literal_error":
-        texts["advice"] = nearest(str(value), re.findall(r"'([^']*)'", error["ctx"]["expected"])) or texts["advice"]
+        allowed = re.findall(r"'([^']*)'", error["ctx"]["expected"])
+        texts["advice"] = nearest(str(value), allowed) or texts["advice"]
+        if error["loc"][-1] == "[key]":
+            texts["expected"] = f"a key out of {', '.join(allowed)}"
     elif kind == "float_type" and isinstance(value, str) and re.search(r"\d", value):
         texts["advice"] = "write a number with a point, without quotes, unit or leading zeros"
     elif kind == "string_type" and isinstance(value, int | float) and not isinstance(value, bool):
