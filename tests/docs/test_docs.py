@@ -24,7 +24,7 @@ import compasslib
 from compasslib import angles
 from compasslib.cli import _parser
 from compasslib.config.cruise import load_cruise
-from tests.world.launch import copied_project
+from tests.world.launch import UNDRAWN, compass, copied_project
 from tests.world.products import make_product, write
 from tests.world.sea import cruise
 
@@ -219,27 +219,30 @@ def installed(tmp_path_factory) -> Path:
     return target
 
 
-def test_tutorial_commands_print_what_the_page_shows(installed, tmp_path):
-    """With the wheel alone, from raw files to an archive; ``...`` matches anything, as in a doctest."""
-    for name, code in (
-        ("python", ""),
-        ("compass", '-c "import sys; from compasslib.cli import main; sys.exit(main())" '),
-    ):
-        (tmp_path / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" -P {code}"$@"\n')
-        (tmp_path / name).chmod(0o755)
-    place = {"PATH": f"{tmp_path}:{os.environ['PATH']}", "PYTHONPATH": f"{installed}", "PYTHONUNBUFFERED": "1"}
+def test_tutorial_commands_print_what_the_page_shows(tmp_path):
+    """From raw files to an archive, without figures; ``...`` matches anything, as in a doctest."""
+    (tmp_path / "python").write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+    (tmp_path / "python").chmod(0o755)
+    place = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "PYTHONPATH": f"{PROJECT}"}
     steps = re.findall(r"^\$ (.*\n(?:> .*\n)*)((?:(?!\$ ).*\n)*)", "".join(blocks(TUTORIAL, "console")), re.MULTILINE)
     assert len(steps) > 12
     for command, shown in steps:
-        script = re.sub(r"^> ", "", command, flags=re.MULTILINE)
-        ran = subprocess.run(
-            ["bash", "-c", script], cwd=tmp_path, env=os.environ | place, text=True, check=False,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-        )  # fmt: skip
+        if command.startswith("compass "):
+            ran = compass(tmp_path, *shlex.split(command)[1:], first=UNDRAWN, merged=True)
+        else:
+            script = ["bash", "-c", re.sub(r"^> ", "", command, flags=re.MULTILINE)]
+            ran = subprocess.run(script, cwd=tmp_path, env=place, text=True, check=False, capture_output=True)
         lines = (re.escape(line).replace(r"\.\.\.", ".*") for line in shown.splitlines())
         expected = "".join(r"(?:.*\n)*?" if line == ".*" else f"{line}\n" for line in lines)
         said = re.sub("[\u00a0\u202f]", " ", ran.stdout)  # the page has plain instead of non-breaking spaces
-        assert ran.returncode == 0 and re.fullmatch(expected, said), f"$ {command}{said}"
+        assert ran.returncode == 0 and re.fullmatch(expected, said), f"$ {command}{said}{ran.stderr}"
+
+
+def test_wheel_alone_runs_the_workflow(installed, tmp_path):
+    code, folder = "import sys; from compasslib.cli import main; sys.exit(main())", cruise(tmp_path / "c", n=50)
+    words = "run", folder, "--", "results/M1/work/top.nc"
+    python("-P", "-c", code, *words, cwd=tmp_path, env=os.environ | {"PYTHONPATH": f"{installed}"})
+    assert (folder / "results/M1/work/top.nc").is_file()
 
 
 def test_wheel_contains_every_file_of_the_package(installed):

@@ -3,10 +3,8 @@
 import importlib
 import json
 import re
-import shutil
-import subprocess
 import sys
-from importlib.util import find_spec
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -20,26 +18,11 @@ from compasslib.errors import InputError
 from tests.world.launch import PROJECT, change, jobs_in, snakemake
 from tests.world.sea import cruise
 
-PIP = [sys.executable, "-m", "pip"] if find_spec("pip") else [shutil.which("pip"), "--python", sys.executable]
 PAGE = (PROJECT / "docs/howto/plugins.md").read_text()
 
 
 def blocks(language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
-
-
-def install(folder: Path) -> Path:
-    """Build and install the package of the page, and return the folder from which it is imported."""
-    if PIP[0] is None:
-        pytest.skip("pip is not there")
-    source, there = folder / "source", folder / "site"
-    source.mkdir()
-    (source / "tiltmeter.py").write_text("\n".join(blocks("python")))
-    (source / "pyproject.toml").write_text(blocks("toml")[0])
-    how = ["--no-deps", "--no-build-isolation", "--no-index", "--no-compile", "--target", str(there)]
-    command = [*PIP, "--disable-pip-version-check", "install", *how, str(source)]
-    subprocess.run(command, check=True, capture_output=True)
-    return there
 
 
 def as_tiltmeter(folder: Path) -> None:
@@ -54,13 +37,28 @@ def as_tiltmeter(folder: Path) -> None:
     change(path, instruments=instruments | yaml.safe_load(blocks("yaml")[0])["instruments"])
 
 
-def test_documented_package_is_installed_and_runs_a_mooring(tmp_path):
+def declare(folder: Path, points: dict[str, dict[str, str]], package: str = "tiltmeter") -> Path:
+    """Write the module of the page and the metadata of its package into a folder, as an installation does."""
+    there = folder / f"{package}-0.1.dist-info"
+    there.mkdir(parents=True)
+    (there / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 0.1\n")
+    lines = [line for group, values in points.items() for line in (f"[{group}]", *map(" = ".join, values.items()))]
+    (there / "entry_points.txt").write_text("\n".join(lines))
+    (folder / "tiltmeter.py").write_text("\n".join(blocks("python")))
+    return folder
+
+
+def test_documented_package_runs_a_mooring(tmp_path):
     folder = cruise(tmp_path / "cruise", n=200)
+    (folder / "config/config.yaml").write_text("diagnose: {enabled: false}\n")
     as_tiltmeter(folder)
     with pytest.raises(InputError, match=r"expected pd0, table, .* or nortek, found 'tiltmeter'"):
         config.load_cruise(folder)
-    there, results = install(tmp_path), folder / "results"
-    ran = snakemake(folder, beside=(there,))
+    project = tomllib.loads(blocks("toml")[0])["project"]
+    assert (project["name"], project["version"]) == ("tiltmeter", "0.1")
+    there, results = declare(tmp_path / "site", project["entry-points"]), folder / "results"
+    beside = f"import sys; sys.path.append({str(there)!r})\n"
+    ran = snakemake(folder, first=beside, drawn=False)
     assert ran.returncode == 0, ran.stdout + ran.stderr
     pairs = json.loads((results / "M1/deviation.json").read_text())["n_pairs"]
     assert pairs > 150
@@ -71,18 +69,13 @@ def test_documented_package_is_installed_and_runs_a_mooring(tmp_path):
 
     with (there / "tiltmeter.py").open("a") as module:
         module.write("# another way of reading\n")
-    said = snakemake(folder, "--dry-run", "--quiet", "progress", beside=(there,)).stdout
+    said = snakemake(folder, "--dry-run", "--quiet", "progress", first=beside).stdout
     assert ("read", "M1") in jobs_in(said) and "now: 'library=" in said
 
 
-def declare(folder: Path, monkeypatch, group: str, name: str, value: str, package: str = "tiltmeter") -> None:
-    """Put the metadata of a package on the import path, as an installation does."""
-    there = folder / f"{package}-0.1.dist-info"
-    there.mkdir(parents=True)
-    (there / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 0.1\n")
-    (there / "entry_points.txt").write_text(f"[{group}]\n{name} = {value}\n")
-    (folder / "tiltmeter.py").write_text("\n".join(blocks("python")))
-    monkeypatch.syspath_prepend(str(folder))
+def installed(folder: Path, monkeypatch, group: str, name: str, value: str, package: str = "tiltmeter") -> None:
+    """Put a package with one plug-in on the import path of this process."""
+    monkeypatch.syspath_prepend(str(declare(folder, {group: {name: value}}, package)))
     for known in (plugins.declared_plugins, all_effects):
         known.cache_clear()
 
@@ -104,7 +97,7 @@ def _forget():
     ],
 )
 def test_name_conflicts_and_invalid_plugins_are_refused(tmp_path, monkeypatch, group, name, value, words):
-    declare(tmp_path, monkeypatch, group, name, value)
+    installed(tmp_path, monkeypatch, group, name, value)
     with pytest.raises(InputError) as caught:
         readers.format_names() if group == plugins.READERS else all_effects()
     assert str(caught.value).startswith("tiltmeter 0.1: ") and words in str(caught.value)
@@ -112,7 +105,7 @@ def test_name_conflicts_and_invalid_plugins_are_refused(tmp_path, monkeypatch, g
 
 @pytest.mark.parametrize("error", ["SystemExit(0)", "ValueError('bad')"])
 def test_any_exception_of_a_plugin_is_reported_in_one_line(tmp_path, monkeypatch, error):
-    declare(tmp_path, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read")
+    installed(tmp_path, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read")
     (tmp_path / "tiltmeter.py").write_text(f"def read(paths):\n    raise {error}\n")
     with pytest.raises(InputError, match=r"^tiltmeter 0\.1: tiltmeter:read: expected a Record, found .*line 2\); mend"):
         readers.read("tiltmeter", [tmp_path / "deep.txt"], {})
@@ -125,14 +118,14 @@ def test_any_exception_of_a_plugin_is_reported_in_one_line(tmp_path, monkeypatch
 
 def test_two_packages_cannot_share_a_name(tmp_path, monkeypatch):
     for package in ("tiltmeter", "other"):
-        declare(tmp_path / package, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read", package)
+        installed(tmp_path / package, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read", package)
     with pytest.raises(InputError, match=r"expected a name that other 0\.1 does not use, found 'tiltmeter'"):
         readers.format_names()
 
 
 def test_effect_of_a_plugin_is_appended_to_the_catalogue(tmp_path, monkeypatch):
     assert all_effects() == CATALOGUE
-    declare(tmp_path, monkeypatch, plugins.EFFECTS, "clamp_creep", "tiltmeter:ClampCreep")
+    installed(tmp_path, monkeypatch, plugins.EFFECTS, "clamp_creep", "tiltmeter:ClampCreep")
     *own, creep = all_effects()
     assert tuple(own) == CATALOGUE and creep.name == "clamp_creep"
     assert side_of("clamp_creep") == "compass"
@@ -140,7 +133,7 @@ def test_effect_of_a_plugin_is_appended_to_the_catalogue(tmp_path, monkeypatch):
 
 
 def test_plugin_reader_takes_keyword_keys_and_returns_a_record(tmp_path, monkeypatch):
-    declare(tmp_path, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read")
+    installed(tmp_path, monkeypatch, plugins.READERS, "tiltmeter", "tiltmeter:read")
     found = readers.get_format("tiltmeter")
     assert found.keys == ("orientation",) and not found.takes_declination
     assert re.fullmatch(r"tiltmeter 0\.1 \(tiltmeter, sha256 [0-9a-f]{12}\)", found.plugin)

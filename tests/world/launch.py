@@ -47,7 +47,6 @@ def snakemake(
     folder: Path,
     *options: str,
     project: Path = PROJECT,
-    beside: tuple[Path, ...] = (),
     anew: bool = False,
     server: int = 0,
     drawn: bool = True,
@@ -57,25 +56,35 @@ def snakemake(
 
     Args:
         project: root of the project, possibly a copy.
-        beside: further folders from which jobs import packages.
         anew: start new Python processes for the command and its jobs, as for a copy.
         server: number of the process that is forked; each has its own hash seed.
         drawn: whether figures are drawn, which takes more than half of a small run; else each is an empty picture.
         first: code to execute first, in the process of the command, of which those of its jobs are forks.
     """
-    words, into = ["run", f"{folder}", "--cores", "2", "--", *options], environment(project, *beside)
-    if anew or beside or project != PROJECT:
+    words = ["run", f"{folder}", "--cores", "2", "--", *options]
+    if anew or project != PROJECT:
         code = "import sys; from compasslib.cli import main; sys.exit(main())"
-        whole = [sys.executable, "-P", "-c", code, *words]
+        whole, into = [sys.executable, "-P", "-c", code, *words], environment(project)
         return subprocess.run(whole, capture_output=True, text=True, check=False, env=into, cwd=folder)
+    return compass(folder, *words, server=server, first=first if drawn else UNDRAWN + first)
+
+
+def compass(
+    folder: Path, *words: str, server: int = 0, first: str = "", merged: bool = False
+) -> subprocess.CompletedProcess:
+    """Run a command in a folder, in a fork of a process that has imported all modules; arguments: see ``snakemake``.
+
+    Args:
+        merged: whether standard error goes to standard output.
+    """
     with tempfile.TemporaryDirectory() as there:
-        files = [f"{there}/{name}" for name in ("out", "err")]
-        asked = {"words": words, "folder": f"{folder}", "environment": into, "files": files}
-        asked["first"] = first if drawn else UNDRAWN + first
+        files = [Path(there, name) for name in ("out", "out" if merged else "err")]
+        asked = {"words": words, "folder": f"{folder}", "environment": environment(), "first": first}
         warm = _server(server)
-        print(json.dumps(asked), file=warm.stdin, flush=True)
+        print(json.dumps(asked | {"files": [*map(str, files)]}), file=warm.stdin, flush=True)
         status = int(warm.stdout.readline())
-        return subprocess.CompletedProcess(words, status, *(Path(file).read_text() for file in files))
+        said = [file.read_text() for file in files]
+        return subprocess.CompletedProcess(words, status, said[0], "" if merged else said[1])
 
 
 def completed(folder: Path, *options: str, **how: Any) -> Path:

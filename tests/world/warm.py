@@ -1,4 +1,4 @@
-"""Run ``compass run`` in a fork of a process that has imported all modules, and its Python jobs in further forks.
+"""Run ``compass`` in a fork of a process that has imported all modules, and its Python jobs in further forks.
 
 Starting Python, Snakemake and the library takes longer than a small run itself. The code executed is the same: the
 command, Snakemake on the project's Snakefile, and the scripts of its jobs, each in a process of its own.
@@ -56,7 +56,8 @@ def _ended(act: Callable[[], object]) -> NoReturn:
 
 def _compass(words: list[str], folder: str, environment: dict[str, str], files: list[str], first: str) -> None:
     for descriptor, file in enumerate((os.devnull, *files)):
-        os.dup2(os.open(file, os.O_RDWR | os.O_CREAT), descriptor)
+        os.dup2(os.open(file, os.O_RDWR | os.O_CREAT | os.O_APPEND), descriptor)
+    sys.stdout.reconfigure(line_buffering=True)  # in the order of both streams, which may be one file
     os.environ.clear()
     os.environ.update(environment)
     os.chdir(folder)
