@@ -23,7 +23,7 @@ PROJECT = Path(__file__).resolve().parents[2]
 VECTORS = PROJECT.parent / "shared" / "data" / "vectors.json"
 NAMES = list(MOORINGS)
 SEED = 2007
-WRITTEN = ("EG2", "EG3", "EG4", "EG5", "EG6")
+WRITTEN = ("EG2", "EG3", "EG5", "EG6")
 
 
 @pytest.fixture(scope="module")
@@ -58,8 +58,7 @@ def truth(cruise, name):
     return table(cruise / "truth" / f"{name}.csv")
 
 
-@pytest.mark.parametrize("name", ["EG2", "EG6"])
-def test_same_seed_gives_the_same_files(cruise, tmp_path, name):
+def test_same_seed_gives_the_same_files(cruise, tmp_path, name="EG6"):
     demonstration.write_mooring(name, tmp_path / "raw", tmp_path / "truth.csv", SEED)
     for file in (cruise / f"raw/{name}").iterdir():
         assert (tmp_path / f"raw/{name}/{file.name}").read_bytes() == file.read_bytes(), file
@@ -171,7 +170,7 @@ def test_headings_follow_the_wake_but_cover_the_circle(worlds):
     ("file", "clock", "setup"),
     [
         ("EG3/top.000", "00:00", (True, 300.0, True, Coordinates.BEAM)),
-        ("EG4/deep.000", "00:02", (False, 75.0, True, Coordinates.EARTH)),
+        ("EG3/deep.000", "00:07", (True, 75.0, True, Coordinates.EARTH)),
     ],
 )
 def test_every_ensemble_is_valid_and_numbered(cruise, file, clock, setup):

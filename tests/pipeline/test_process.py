@@ -187,33 +187,18 @@ def test_a_shared_compass_is_combined_from_the_members_present(tmp_path, monkeyp
     assert "results/M1/work/alone/summary.json" in crate.listed(crate.read_manifest(folder))
 
 
-def half_done(folder: Path) -> list[Path]:
-    return list((folder / "corrected").glob(".*"))
-
-
-@pytest.fixture(scope="module")
-def long(tmp_path_factory):
-    """Cruise that takes seconds to process after the first file, which is enough to notice on a busy machine."""
-    return cruise(tmp_path_factory.mktemp("long") / "c", n=20_000)
-
-
-@pytest.fixture
-def running(long, tmp_path):
-    """Cruise with a running ``compass correct``, and its process."""
-    folder = Path(shutil.copytree(long, tmp_path / "c"))
-    code = "import sys; from compasslib.cli import main; sys.exit(main())"
+def test_a_terminated_run_leaves_no_output(tmp_path):
+    """Terminated in the fit, after the instruments were read."""
+    folder = cruise(tmp_path / "c", n=50)
+    code = (
+        "import sys, time; from compasslib.cli import main; from compasslib.stages import fit\n"
+        "fit.fit = lambda *_, **__: time.sleep(600)\nsys.exit(main())"
+    )
     command = [sys.executable, "-c", code, "correct", "M1", "--cruise", str(folder)]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    while process.poll() is None and not any((left / "whole/work/top.nc").exists() for left in half_done(folder)):
-        time.sleep(0.01)
-    yield folder, process
-    process.kill()
-    process.wait()
-    process.stderr.close()
-
-
-def test_a_terminated_run_leaves_no_output(running):
-    folder, process = running
-    process.terminate()
-    assert process.wait() == 130 and "interrupted; no file is left half written" in process.stderr.read()
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        while not list((folder / "corrected").glob(".*/whole/work/field.json")):
+            assert process.poll() is None
+            time.sleep(0.01)
+        process.terminate()
+        assert process.wait() == 130 and "interrupted; no file is left half written" in process.stderr.read()
     assert list((folder / "corrected").iterdir()) == []
