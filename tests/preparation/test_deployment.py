@@ -129,13 +129,6 @@ def test_overlapping_downloads_are_merged_and_contradictions_reported():
     assert any("1 samples repeat a time" in said for said in settled.warnings)
 
 
-def test_files_sorted_by_name_are_merged_in_time():
-    begins = [0.0, 100.0, 110.0, 20.0, 200.0]  # A1, A10, A11, A2, A20
-    hours = np.concatenate([begin + 0.1 * np.arange(20) for begin in begins])
-    settled = apply_deployment(record(HOUR * hours), **SETTINGS | {"end_s": 300 * HOUR})
-    assert len(settled.time_s) == 100 and settled.counts["clock_unsure"] == 0
-
-
 @pytest.mark.parametrize(("wrong", "at"), [(-5000.0, 1), (5000.0, 10), (9e9, 18)])
 def test_single_erroneous_time_loses_its_sample(wrong, at):
     hours = np.arange(20.0)

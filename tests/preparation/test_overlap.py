@@ -52,12 +52,6 @@ def test_pairs_are_less_than_20_minutes_and_20_metres_apart(minutes, depth, pair
     assert len(find_pairs(upper, [lower], NORTH_FIELD, PairRules())) == pairs
 
 
-def test_blow_down_that_separates_the_instruments_prevents_pairs():
-    depth = np.array([100.0, 180.0, 300.0, 180.0])
-    upper, lower = record(HOUR * np.arange(4), depth=depth), record(HOUR * np.arange(4), depth=104.0, ranges=(0.0,))
-    assert len(find_pairs(upper, [lower], NORTH_FIELD, PairRules())) == 1
-
-
 def test_profiler_is_averaged_only_near_the_sphere():
     times = np.concatenate([12 * HOUR * k + np.arange(0.0, 600.0, 2.0) for k in range(3)])
     depth = np.tile(np.linspace(90.0, 390.0, 300), 3)

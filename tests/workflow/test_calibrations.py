@@ -37,7 +37,7 @@ def done(tmp_path_factory):
     write_calibration(folder, "bench", readings(coefficients=at_brest(AT_SEA)), budget="le_menn")
     write_calibration(folder, "later", readings(seed=3), compare_with="bench", table_step_deg=15)
     write_calibration(folder, "few", readings(ring(3)), latitude=None, longitude=None)
-    return completed(folder)
+    return completed(folder, drawn=False)
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +107,7 @@ def test_observatory_calibration_runs_without_moorings(tmp_path):
     (tmp_path / "config/config.yaml").write_text("moorings: []\n")
     (tmp_path / "config/calibrations/station.yaml").write_text("kind: declination\nfile: station.hor\n")
     write(tmp_path / "station.hor", series(30), "DHZF")
-    completed(tmp_path)
+    completed(tmp_path, drawn=False)
     said, there = result(tmp_path, "station"), tmp_path / "results/calibrations/station"
     assert abs(said["coefficients"]["A"] - ROCKS_DEG) < 0.05 and said["coefficients"]["B"] is None
     assert said["place"]["latitude"] == 55.3 and said["place"]["field"]["horizontal_nT"] > 15_000

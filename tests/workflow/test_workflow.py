@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from compasslib.archive import crate
-from tests.world import conventions
+from tests.world import chain, conventions
 from tests.world.launch import PROJECT, change, completed, copied_project, hashes, keeps_contract, snakemake
 from tests.world.sea import cruise, real
 
@@ -87,9 +87,8 @@ def test_real_mooring_satisfies_the_conventions(tmp_path):
     """Files with all variables of a real overlap."""
     folder = Path(shutil.copytree(real("cruise_eh2"), tmp_path / "c"))
     (folder / "config/config.yaml").write_text("{moorings: config/moorings, diagnose: {enabled: false}}\n")
-    assert snakemake(folder, "results/E1/gridded.nc").returncode == 0
-    files = [*folder.glob("results/E1/**/*.nc")]
-    assert files and not [remark for file in files for remark in conventions.remarks(file)]
+    files = [*chain.make(folder, "E1", tmp_path / "made", gridded=True).rglob("*.nc")]
+    assert len(files) > 4 and not [remark for file in files for remark in conventions.remarks(file)]
 
 
 def test_missing_raw_file_is_refused_before_processing(tmp_path):
