@@ -12,8 +12,10 @@ HOURS = 4000
 
 
 def seen(wanted, seed=1, **options):
+    """With half of the surrogates by default, the fewest by which anything can be detected."""
     drawn = world.planted(world.make(seed, wide=True, n=HOURS), wanted)
-    return drawn, diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options(**options))
+    asked = Options(surrogates=99, **options)
+    return drawn, diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), asked)
 
 
 def state_of(drawn, more=None, *, magnetic=True):
