@@ -1,6 +1,6 @@
 """Detection and false alarms of the diagnosis of calibration recordings.
 
-    PYTHONPATH=. python benchmarks/recordings.py [RECORDINGS] [--kind platform|magnetometer|two_heads|swing]
+    PYTHONPATH=. python benchmarks/recordings.py [RECORDINGS] [--kind magnetometer|two_heads|swing]
     PYTHONPATH=. python benchmarks/recordings.py --storm     write the stored result of a magnetic storm
 
 Nulls and recordings with one known effect are simulated (tests.world.recordings). A null that is attributed to an
@@ -31,7 +31,7 @@ from compasslib.calibrations.two_heads import motion as motions
 from compasslib.inference import kinds as diagnoses
 from compasslib.inference.comparison import Options
 from compasslib.inference.diagnosis import Diagnosis
-from compasslib.inference.kinds import declination, magnetometer, platform, two_heads
+from compasslib.inference.kinds import declination, magnetometer, two_heads
 from compasslib.readers import iaga2002
 from compasslib.stages import demonstration
 from tests.world import package, swing
@@ -41,12 +41,6 @@ from tests.world.recordings import Truth
 
 OPTIONS = Options()
 Made = tuple[Diagnosis, Truth]
-
-
-def bench(rng: np.random.Generator, effect: str) -> Made:
-    """Simulate and diagnose a bench calibration."""
-    made = drawn.bench(rng, effect)
-    return platform.diagnose_readings(made.correct_deg, made.recorded_deg, field=None, options=OPTIONS), made.truth
 
 
 def log(rng: np.random.Generator, effect: str) -> Made:
@@ -125,7 +119,6 @@ def store_storm() -> None:
 
 NULLS_EACH = 10  # number of nulls per recording with an effect
 KINDS: dict[str, tuple[Callable[[np.random.Generator, str], Made], tuple[str, ...]]] = {
-    "platform": (bench, ("sextantal", "octantal", "heading_slip", "large_deviation")),
     "magnetometer": (
         log, ("hard_iron", "soft_iron", "hard_iron_step", "temperature", "tilt_uncompensated", "compass_lag"),
     ),

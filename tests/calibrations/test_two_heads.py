@@ -145,10 +145,10 @@ def test_lagging_compass_is_distinguished_from_a_clock_error(tmp_path):
     assert any("one compass lags" in warning for warning in found.warnings)
 
 
-def test_mirrored_roll_is_detected(tmp_path):
+def test_roll_counted_the_other_way_is_no_rigid_frame(tmp_path):
     a, b = (package.stand(rng, motion, head) for rng, motion in [lowered(3)] for head in (PLAIN, TURNED))
     found = of_files(tmp_path, package.encoded(a), package.encoded(b, looks_up=True, mirrored=True))
-    assert found.details["frame"]["verdict"] == "mirrored"
+    assert found.details["frame"]["verdict"] == "not rigid"
     assert found.details["offset_deg"] == pytest.approx(47.0, abs=0.1)
 
 

@@ -1,4 +1,4 @@
-"""Simulated recordings of a bench, a magnetometer and a swing with one known effect; other properties are random.
+"""Simulated recordings of a magnetometer and a swing with one known effect; other properties are random.
 
 ``truth`` holds the parameters of the effect, named as in a diagnosis.
 """
@@ -13,21 +13,12 @@ from compasslib.angles import wrap360
 from compasslib.demo.compass import Iron, tilting
 from compasslib.demo.water import Floats
 from tests.world import swing
-from tests.world.pairs import RAD, exact_compass
+from tests.world.pairs import RAD
 from tests.world.swing import Boat, Passage
 
 H_NT, Z_NT = 20000.0, 42000.0
 KNOT_M_S = 1852.0 / 3600.0
 Truth = dict[str, float]
-
-
-@dataclass(frozen=True)
-class Bench:
-    """Bench calibration of a compass, (n,) each, degrees."""
-
-    correct_deg: Floats
-    recorded_deg: Floats
-    truth: Truth
 
 
 @dataclass(frozen=True)
@@ -45,30 +36,6 @@ class AxesLog:
 
 def _sin_cos(angle_deg: Floats | float) -> tuple[Floats, Floats]:
     return np.sin(RAD * angle_deg), np.cos(RAD * angle_deg)
-
-
-def bench(rng: np.random.Generator, effect: str) -> Bench:
-    """Simulate a bench calibration with 16 to 36 headings, in one to three rounds."""
-    count = int(rng.integers(16, 37))
-    rounds = 3 if effect in ("heading_slip", "hard_iron_step") else int(rng.integers(1, 4))
-    correct = np.tile(360.0 / count * np.arange(count) + rng.uniform(0.0, 10.0), rounds)
-    iron = np.append(rng.normal(0.0, 0.02), rng.normal(0.0, 0.12, 2))
-    iron = np.append(iron, rng.normal(0.0, 0.02, 2))
-    if effect == "large_deviation":
-        strength, towards = rng.uniform(0.6, 1.4), rng.uniform(0.0, 360.0)
-        iron[1:3] = strength * np.array(_sin_cos(towards))
-    recorded, truth = exact_compass(iron, correct), Truth()
-    if effect in ("sextantal", "octantal"):
-        cycles = 3 if effect == "sextantal" else 4
-        size, phase = rng.uniform(1.2, 3.0), rng.uniform(0.0, 360.0)
-        recorded = recorded + size * _sin_cos(cycles * recorded + phase)[0]
-        truth = lobes(size, phase)
-    if effect == "heading_slip":
-        truth = {"offset_deg": rng.uniform(1.5, 4.0)}
-        late = np.arange(len(correct)) >= rng.uniform(0.3, 0.7) * len(correct)
-        recorded = recorded + truth["offset_deg"] * late
-    noise = rng.normal(0.0, rng.uniform(0.1, 0.6), len(correct))
-    return Bench(correct, wrap360(recorded + noise), truth)
 
 
 def log(rng: np.random.Generator, effect: str) -> AxesLog:

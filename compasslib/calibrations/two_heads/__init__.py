@@ -199,7 +199,7 @@ class Frame:
 
     rotation: Floats  # (3, 3) from a's body to b's
     residual_rms_deg: float  # of the angle between the downward vectors of b and of a after the rotation
-    verdict: str  # rigid | doubtful | not rigid | mirrored | not testable
+    verdict: str  # rigid | doubtful | not rigid | not testable
     text: str
 
 
@@ -211,8 +211,7 @@ def fit_frame(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
     residual = 2.0 * np.arcsin(np.minimum(chord / 2.0, 1.0)) / angles.DEGREE
     a, b = lean_a - lean_a.mean(), lean_b - lean_b.mean()
     scale = max(float(np.sqrt(np.sum(np.abs(a) ** 2) * np.sum(np.abs(b) ** 2))), 1e-300)
-    # Correlations of b's tilts with a's, and with a's mirrored, up to a rotation.
-    proper, mirrored = float(abs(np.sum(np.conj(a) * b))) / scale, float(abs(np.sum(a * b))) / scale
+    correlation = float(abs(np.sum(np.conj(a) * b))) / scale  # up to a rotation
     variation, rms = float(np.sqrt(np.mean(np.abs(a) ** 2))) / angles.DEGREE, angles.rms(residual)
     stretch = blocks_by_count(time_s, STRETCHES)
     worst = max(angles.rms(residual[stretch == k]) for k in np.unique(stretch))
@@ -222,17 +221,12 @@ def fit_frame(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
     if variation < 0.3:
         verdict = "not testable"
         text = f"The tilts vary by {variation:.2f}° rms only, too little to test whether the frame is rigid."
-    elif mirrored >= 0.5 and mirrored > proper + 0.2:
-        verdict = "mirrored"
-        text = (
-            "The tilts of b are those of a mirrored: one head counts its roll the other way, or its orientation (up or "
-            "down) is wrong."
-        )
-    elif proper < 0.5 or rms > 1.5:
+    elif correlation < 0.5 or rms > 1.5:
         verdict = "not rigid"
         text = (
             f"The tilts of b are not those of a by one rotation (residual {rms:.2f}° of {variation:.2f}° rms, "
-            f"correlation {proper:.2f}): the heads are not on one rigid frame, or a tilt sensor is broken."
+            f"correlation {correlation:.2f}): the heads are not on one rigid frame, a tilt sensor is broken, or the "
+            "orientation (up or down) of one head is wrong."
         )
     elif rms <= 0.5 and worst <= 1.5:
         verdict, text = "rigid", f"{mapped}: the frame is rigid within the accuracy of inclinometers."
@@ -243,7 +237,7 @@ def fit_frame(time_s: Floats, lean_a: Complexes, lean_b: Complexes) -> Frame:
 
 def simulated_heading(pairs: PairedHeads, offset_deg: float, frame: Frame) -> Floats:
     """Simulate b's heading, (n,) degrees, from a's by a rigid rotation with b's forward axis clockwise by an offset."""
-    if frame.verdict in ("mirrored", "not rigid"):
+    if frame.verdict == "not rigid":
         return angles.wrap360(pairs.recorded_a + offset_deg)
     rotation = upright(offset_deg, pairs.lean_a, pairs.lean_b)
     return turned_heading(pairs.recorded_a, pairs.lean_a, rotation)
