@@ -56,13 +56,13 @@ class Section(BaseModel):
 def describe(model: type[BaseModel], error: Any, file: str) -> InputError:
     """Describe an error of pydantic: the place in the file, and the texts of its field unless the error has its own."""
     kind, value = error["type"], error["input"]
-    place, field, inner = _locate(model, error["loc"])
+    place, label, field, inner = _locate(model, error["loc"])
     if kind == "extra_forbidden":
         allowed, unknown = list(allowed_keys(inner or model)), str(error["loc"][-1])
         advice = nearest(unknown, allowed) or "delete it, or indent it below the key that it belongs to"
         expected, actual = f"a key out of {', '.join(allowed)}", f"the unknown {shown(unknown)}"
         return InputError(f"{file}: {place}", expected=expected, found=actual, advice=advice)
-    example = f"for example {place.rpartition('.')[2].partition('[')[0]}: {field.examples[0]}" if field else ""
+    example = f"for example {label}: {field.examples[0]}" if field else ""
     texts = {"expected": field.description if field else "", "found": shown(value)}
     texts["advice"] = (field and field.json_schema_extra["advice"]) or f"write {example}"
     if kind == "missing":
@@ -86,9 +86,9 @@ def describe(model: type[BaseModel], error: Any, file: str) -> InputError:
     return InputError(f"{file}: {place}", **texts)
 
 
-def _locate(model: type[BaseModel], loc: Sequence[str | int]) -> tuple[str, Any, type[BaseModel] | None]:
-    """Follow a location to its place in the file, its field, and the model below the field, if any."""
-    place, field, named = "", None, False
+def _locate(model: type[BaseModel], loc: Sequence[str | int]) -> tuple[str, str, Any, type[BaseModel] | None]:
+    """Follow a location to its place in the file, its field with its key, and the model below the field, if any."""
+    place, label, field, named = "", "", None, False
     inner: type[BaseModel] | None = model
     for part in loc:
         if isinstance(part, int):
@@ -96,13 +96,13 @@ def _locate(model: type[BaseModel], loc: Sequence[str | int]) -> tuple[str, Any,
         elif named:  # a name that the user gave
             named, place = False, f"{place}.{part[:SHOWN]}"
         elif inner and part not in allowed_keys(inner):
-            return f"{place}.{part[:SHOWN]}".lstrip("."), None, inner
+            return f"{place}.{part[:SHOWN]}".lstrip("."), "", None, inner
         elif inner:
-            field, place = allowed_keys(inner)[part], f"{place}.{part}"
+            label, field, place = part, allowed_keys(inner)[part], f"{place}.{part}"
             inner, named = _model_in(field.annotation), get_origin(field.annotation) is dict
         else:  # "[key]", or the part of a union
             break
-    return place.lstrip("."), field, inner
+    return place.lstrip("."), label, field, inner
 
 
 def _model_in(annotation: Any) -> type[BaseModel] | None:

@@ -255,13 +255,6 @@ def test_product_page_lists_every_variable():
         assert f"| `{name}` | {', '.join(variable.dimensions) or '-'} | {variable.units or '-'} |" in page
 
 
-def test_uncorrectable_products_are_written(tmp_path):
-    with netCDF4.Dataset(write(tmp_path / "all.nc", make_product(uncorrectable=200))) as nc:
-        assert nc["HEADING_CORRECTED"][:].mask.all() and nc["UCUR"][:].mask.all()
-        assert (nc["HEADING_CORRECTED_QC"][:] == BAD).all()
-        assert (nc.headings_recorded, nc.headings_corrected) == (200, 0)
-
-
 def test_headings_stay_below_360_and_differ_by_the_deviation(tmp_path):
     nearly = np.array([359.9999999, 360.0, np.nextafter(360.0, 0.0), 0.0, 359.99999999999])
     product = make_product(5, 1, uncorrectable=0, heading_deg=nearly)

@@ -172,14 +172,6 @@ def test_deposit_is_a_complete_workflow_run_crate(unpacked):
     assert all(provenance.sha256(unpacked / name) == digest for name, digest in known.items() if "/" in name)
 
 
-def test_software_url_is_the_address_of_the_library(processed, monkeypatch):
-    monkeypatch.chdir(processed)
-    jobs = crate.read_jobs(Path().glob("results/M1/logs/*.json"))
-    page = crate.crate(jobs, configuration={"": [], "mooring M1": []}, attributes={"software_url": "https://a.org/c"})
-    urls = {each["name"]: each.get("url") for each in of_type(page, "SoftwareApplication")}
-    assert urls["compasslib"] == "https://a.org/c" and all(urls.values())
-
-
 def test_deposit_of_changed_results_is_refused(archive, tmp_path, capsys):
     assert main(["export", "--cruise", str(archive), "--to", "rocrate", "--into", str(tmp_path / "by_command")]) == 0
     assert "by_command" in capsys.readouterr().out

@@ -311,10 +311,8 @@ def test_product_keys_are_inherited_singly_but_the_grid_whole(cruise: Path) -> N
 # --- invalid input, in one line -------------------------------------------------------------------------------------
 
 BAD_LINES = r"""
-product: {grid: {minutes: often}} -> product.grid.minutes
 product: {grid: {from_m: 90, to_m: 80}} -> product.grid.to_m
 product: {flags: [1, 4]} -> product.flags
-product: {grid: {step_m: 0.000001}} -> product.grid.step_m
 latitude: 95.3 -> latitude
 latitude: 65,3 -> latitude
 latitude: -> latitude
@@ -323,9 +321,6 @@ end: 2006-10-04 -> end
 declination: IGRF -> declination
 name: ../EG4 -> name
 name: M1;touch x -> name
-name: proof -> name
-name: calibrations -> name
-name: Logs -> name
 name: RO-Crate-metadata.json -> name
 reference: bottom -> reference
 reference: top -> reference
@@ -339,13 +334,11 @@ fit: {method: coefficients, coefficients: {A: 0, B: 0, C: 0, D: 0, E: 0}, covari
 fit: {method: calibration} -> fit.name
 attributes: {ship: [a, b]} -> attributes.ship
 attributes: {Software_Version: 9} -> attributes.Software_Version
-    attributes: {date_created: 1970-01-01} -> instruments.top.attributes.date_created
 attributes: {a b: c} -> attributes
 covariates: {obs: {format: iaga2002, files: raw/obs/*.hor}} -> covariates.obs.files
 site: denmark_strait -> site
 covariates: {echo: {format: table, files: raw/obs/lrv1.min, columns: {time: t, value: x}}} -> covariates.echo
 covariates: {obs: {format: table, files: raw/obs/lrv1.min}} -> covariates.obs.columns
-covariates: {supply: {format: table, files: raw/EG4/deep.csv, columns: {time: t}}} -> covariates.supply.columns.value
 covariates: {obs: {format: iaga2002, files: raw/obs/*.min, unit: nT}} -> covariates.obs.unit
     delimiter: ';' -> instruments.top.delimiter
     time_format: '%H:%M' -> instruments.top.time_format
@@ -365,14 +358,12 @@ covariates: {obs: {format: iaga2002, files: raw/obs/*.min, unit: nT}} -> covaria
     heading: 3 -> instruments.top.heading
     sound_speed: {salinity: 43} -> instruments.top.sound_speed
     declination_applied: {heading: 3} -> instruments.top.declination_applied
-    bin_size: 16 -> instruments.top.bin_size
     format: netcdf\n    columns: {x: s, y: d} -> instruments.top.columns.x
     exclude: {from: 2007-10-01, to: 2007-10-02} -> instruments.top.exclude
     exclude: [2007-10-01] -> instruments.top.exclude[0]
     exclude: [{from: 2007-10-01}] -> instruments.top.exclude[0].to
     exclude: [{from: 2009-01-01, to: 2009-01-02}] -> instruments.top.exclude[0]
     exclude: [{from: 2007-10-02, to: 2007-10-01}] -> instruments.top.exclude[0].to
-    flags_by_hand: [{from: 2007-10-01, to: 2007-10-02, flag: 3, why: w}] -> instruments.top.flags_by_hand[0].who
     flags_by_hand: [{from: 2007-10-01, to: 2007-10-02, flag: 9, who: P, why: w}] -> instruments.top.flags_by_hand[0].flag
     depth_from: nobody -> instruments.top.depth_from
     direction_reference: grid -> instruments.deep.direction_reference

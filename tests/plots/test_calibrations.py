@@ -22,9 +22,7 @@ PLACE = {"latitude": -48.4, "longitude": 184.5, "date_s": 1664409600.0, "field":
 BEND = BenchReadings((ring(36) - 2.0 + 0.03 * ring(36) + 1e-4 * ring(36) ** 2), ring(36))
 CASES = {
     "whole": readings(),
-    "dense": readings(ring(180)),
     "four": readings(ring(4)),
-    "half": readings(np.arange(0.0, 180.0, 10.0)),
     "polynomial": BEND,
     "folded": readings(ring(24), FOLDED),
     "one": readings([30.0]),
