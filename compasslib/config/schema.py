@@ -224,14 +224,6 @@ class TableKeys(Section):
     comment: values.Text | None = key("the mark at the beginning of lines without data", "'#'", None)
 
 
-class FlagMeanings(Section):
-    """Meanings of the quality flags of a file that uses no known vocabulary."""
-
-    good: values.Missing = key("a list of meanings or values of flags", "[accepted, 1]", ())
-    bad: values.Missing = key("a list of meanings or values of flags", "[side_lobe, 4]", ())
-    unchecked: values.Missing = key("a list of meanings or values of flags", "[raw, 0]", ())
-
-
 class Instrument(TableKeys):
     """One instrument of a mooring and its raw files."""
 
@@ -267,7 +259,10 @@ class Instrument(TableKeys):
     start_offset_seconds: values.Number = _seconds()
     bin_size: values.Number | None = key("metres", "16", None, gt=0, le=100)
     first_bin: values.Number | None = key("metres", "24.7", None, gt=0, le=1000)
-    flags: FlagMeanings | None = key("a mapping", "{good: [accepted], bad: [side_lobe, 4]}", None)
+    # Meanings of the quality flags of a file that uses no known vocabulary.
+    flags: dict[Literal["good", "bad", "unchecked"], values.Missing] | None = key(
+        "a mapping to lists of meanings or values", "{good: [accepted], bad: [side_lobe, 4]}", None
+    )
 
     @model_validator(mode="after")
     def _check_keys_of_format(self) -> Self:

@@ -70,7 +70,7 @@ def draw_deviation(path: str | Path, pairs: Pairs, fit: model.DeviationFit) -> N
         for level in (0.2, 0.4, 0.6, 0.8, 1.0):
             here = np.ceil(5.0 * np.clip(clear, 0.1, 1.0)) == 5.0 * level
             for axes, x, y in zip(panels, (beta, beta, beta - delta), (delta, beta - delta, beta), strict=True):
-                axes.plot(x[here], y[here], **POINT | {"markersize": 2.0}, alpha=level * faint)
+                axes.plot(x[here], y[here], **POINT | {"markersize": 2.0, "rasterized": True}, alpha=level * faint)
         panels[0].axhline(0.0, color=page.BLACK, linewidth=0.7)  # of an iron-free compass
         for axes in panels[1:]:
             axes.axline((0.0, 0.0), slope=1.0, color=page.BLACK, linewidth=0.7)

@@ -13,7 +13,6 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis, XAxis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import Collection, QuadMesh
 from matplotlib.dates import DAILY, HOURLY, MINUTELY, MONTHLY, SECONDLY, AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
@@ -35,7 +34,6 @@ GAP_IN = 0.06  # between labels of neighbouring panels, and at the edge of the p
 CM = 100.0  # in a metre
 GAP = 3.0  # multiple of the median step above which there are no data between two points
 LETTERS = FontProperties(family="DejaVu Sans", size=8.0)
-MAX_VECTORS = 2000  # points or lines of one artist above which it is rasterized in a PDF
 # Colours that the colour-blind can tell apart (Okabe and Ito 2008).
 BLACK, GREY = "#000000", "#8C8C8C"
 ORANGE, SKY, GREEN, BLUE, VERMILION, PURPLE = "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7"
@@ -96,13 +94,6 @@ def create(path: str | Path, height_in: float, *, width_in: float = WIDTH_IN, ti
         if any(text._get_wrapped_text() != text.get_text() for text in texts):  # type: ignore[union-attr]
             _arrange(figure)  # titles wrap at the width that the first pass sets
         if Path(path).suffix == ".pdf":
-            for artist in figure.findobj(Collection):  # rasterize large sets of points and lines
-                # The cells of a mesh are counted by its values, as creating a path for each is slow.
-                counts = [np.asarray(artist.get_array()).size, len(np.asarray(artist.get_offsets()))]
-                counts += [] if isinstance(artist, QuadMesh) else [len(artist.get_paths())]
-                artist.set_rasterized(max(counts) > MAX_VECTORS)
-            for line in figure.findobj(Line2D):
-                line.set_rasterized(line.get_linestyle() == "None" and np.size(line.get_xdata()) > MAX_VECTORS)
             with atomic_write(path) as temporary:
                 figure.savefig(temporary, format="pdf", metadata={"CreationDate": None})
             return

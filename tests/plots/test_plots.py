@@ -342,8 +342,7 @@ def test_section_masks_the_reference_in_recorded_and_draws_its_profiles_as_colum
     assert np.isfinite(cells["V, corrected"][1]).sum() == 37  # nothing is drawn long before the first profile
 
 
-def test_pdf_is_reproducible_with_large_scatters_rasterized(moorings, tmp_path, monkeypatch):
-    monkeypatch.setattr(plots_page, "MAX_VECTORS", 50)
+def test_pdf_is_reproducible_with_large_scatters_rasterized(moorings, tmp_path):
     for name in ("a", "b"):
         moorings["folded"].draw("deviation", tmp_path / f"{name}.pdf")
     content = (tmp_path / "a.pdf").read_bytes()
