@@ -1,7 +1,6 @@
 """Score diagnoses against unsealed truths, by pure functions of the content of files."""
 
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -248,18 +247,11 @@ def perfect(truth: dict[str, Any]) -> dict[str, Any]:
     return said(*([one["right"][0], *truth["rivals"]] for one in truth["effects"]))
 
 
-def tools(truths: Sequence[dict[str, Any]]) -> dict[str, Tool]:
-    """Define the tools with which the pipeline is compared, by description."""
-    effects = (each for one in truths if one["kind"] in KNOWN for each in one["effects"])
-    common = Counter(name for each in effects for name in each["right"])
-    name = common.most_common(1)[0][0] if common else "heeling"
-    return {
-        "no attribution (as the published method)": lambda truth, own: said(),
-        "always unexplained": lambda truth, own: said(left=True),
-        f"always the commonest effect, {name}": lambda truth, own: said([name]),
-        WHOLE: lambda truth, own: said(list(SIDES)),
-        "same detections, no attribution": lambda truth, own: said(left=seen(own)),
-        "same detections, the commonest effect": lambda truth, own: said(*[[name]] * seen(own)),
-        OWN: lambda truth, own: own,
-        PERFECT: lambda truth, own: perfect(truth),
-    }
+TOOLS: dict[str, Tool] = {  # with which the pipeline is compared
+    "no attribution (as the published method)": lambda truth, own: said(),
+    "always unexplained": lambda truth, own: said(left=True),
+    WHOLE: lambda truth, own: said(list(SIDES)),
+    "same detections, no attribution": lambda truth, own: said(left=seen(own)),
+    OWN: lambda truth, own: own,
+    PERFECT: lambda truth, own: perfect(truth),
+}

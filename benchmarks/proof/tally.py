@@ -109,7 +109,7 @@ QUIET = {
 def points(truths: Truths, diagnoses: Truths) -> dict[str, Any]:
     """Compute the mean score of every tool by place, and the lead of this one with its 95 % interval."""
     made = {}
-    for name, tool in score.tools(list(truths.values())).items():
+    for name, tool in score.TOOLS.items():
         each = np.array([score.points(truths[k], tool(truths[k], diagnoses[k])) for k in truths])
         where = np.array([score.place(one) for one in truths.values()])
         made[name] = {"each": each, "all": _mean(each)} | {one: _mean(each[where == one]) for one in PLACES[1:]}
