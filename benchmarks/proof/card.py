@@ -80,8 +80,6 @@ def _tables(made: dict[str, Any]) -> dict[str, Table]:
         [name, *(_text(one[place]) for place in tally.PLACES), _between(one["ahead"])]
         for name, one in made["points"].items()
     ]
-    keys = ("place", "count", "detected", "named")
-    power = [[f"{x['from_deg']:g} to {x['to_deg']:g}°", *(str(x[key]) for key in keys)] for x in made["power"]]
     goals = [[x["what"], x["value"], f"{x['target']}{', MISSED' if x['missed'] else ''}"] for x in made["goals"]]
     rates = [[x["what"], *(targets.text_of(*x[place]) for place in tally.PLACES)] for x in made["measures"]]
     of_scores = ["probability of", "n", "base rate", "Brier score", "base rate's", "improvement", "log score"]
@@ -95,7 +93,6 @@ def _tables(made: dict[str, Any]) -> dict[str, Table]:
         "Scores of stated probabilities": ([*of_scores, "base rate's", "improvement"], scores),
         "Reliability of stated probabilities": (["probability of", "stated", "observed"], came),
         "Errors of the heading, rms": ([*of_errors, "worse than fit by 0.1°", "within 95 % interval"], errors),
-        "Single effects by visible size": (["visible", "water", "n", "detected", "named"], power),
         "Every mooring": (of_moorings, [_mooring(row) for row in made["moorings"]]),
     }
 

@@ -36,7 +36,6 @@ def main(given: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--cores", type=int, default=2)
     parser.add_argument("--data", type=Path, default=runs.DATA, help="folder of recordings (../shared/data)")
-    parser.add_argument("--records", type=Path, help="folder with descriptions of more real records")
     parser.add_argument("--work", type=Path, default=Path("build/proof"), help="folder of moorings and truth")
     parser.add_argument("--out", type=Path, default=Path("build/proof"), help="folder of the scorecard")
     asked = parser.parse_args(given)
@@ -59,7 +58,7 @@ def main(given: Sequence[str] | None = None) -> int:
 def metadata(asked: argparse.Namespace) -> dict[str, Any]:
     """Compose what is published with the hash of the truth: seed and its origin, counts, hashes of code."""
     by_hand = asked.seed is not None
-    known = () if asked.second else records.described(asked.data, asked.records)
+    known = () if asked.second else records.described(asked.data)
     there = {one.name: one.stands_in for one in known if one.there}
     real = (asked.count // 2 if asked.real is None else asked.real) if there else 0
     origin = "chosen by hand" if by_hand else f"commit {seal.commit(asked.frozen)} and the sealed families"
@@ -86,15 +85,15 @@ def draw_sealed(asked: argparse.Namespace, said: dict[str, Any], work: Path) -> 
     drawn = {one.name: one for one in made}
     if not published.exists() or not (work / "sealed").exists():
         wanted = [name for name in drawn if not (locked / f"{name}.json").exists()]
-        each(partial(_draw, drawn, work, asked.data, asked.records), wanted, asked.cores, "draw")
+        each(partial(_draw, drawn, work, asked.data), wanted, asked.cores, "draw")
         seal.publish(published, locked, locked.iterdir(), **said)
         (work / "sealed").touch()
     seal.check(published, locked, seal.TRUTH_CHANGED)
     return list(drawn)
 
 
-def _draw(drawn: dict[str, draw.Drawn], work: Path, data: Path, own: Path | None, name: str) -> tuple[str, str]:
-    draw.write(drawn[name], work / "cruises" / name, work / "locked", data, own)
+def _draw(drawn: dict[str, draw.Drawn], work: Path, data: Path, name: str) -> tuple[str, str]:
+    draw.write(drawn[name], work / "cruises" / name, work / "locked", data)
     return name, ""
 
 
@@ -152,7 +151,6 @@ def write(out: Path, work: Path) -> dict[str, Any]:
         "measures": tally.measures(rows),
         "probabilities": stated,
         "headings": tally.headings(rows),
-        "power": tally.power(rows),
         "moorings": rows,
     }
     card.write(out, made)

@@ -15,7 +15,6 @@ from benchmarks.targets import Measured
 Row = dict[str, Any]
 Truths = dict[str, dict[str, Any]]  # of moorings, by name; so diagnoses
 
-BINS_DEG = (0.0, 0.7, 1.0, 1.5, 2.0, 3.0, 99.0)
 EDGES = (0.0, 0.05, 0.2, 0.5, 0.8, 0.95, 1.001)  # of stated probabilities
 NEAR_DEG, WORSE_DEG = 0.3, 0.1
 HEADINGS = ("before", "after", "published", "sampled", "five", "oracle")
@@ -181,19 +180,6 @@ def headings(rows: Sequence[Row]) -> dict[str, Any]:
             "covered_95": _mean([row["covered_95"] for row in some]),
         }
     return pooled
-
-
-def power(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Count how many single effects were detected and named, by visible size."""
-    single = _of(rows, "single")
-    result = []
-    for low, high in itertools.pairwise(BINS_DEG):
-        for place, real in (("made", False), ("real", True)):
-            some = [row for row in single if low <= row["visible_deg"][0] < high and row["real"] == real]
-            if some:
-                part = {"from_deg": low, "to_deg": high, "place": place, "count": len(some)}
-                result.append(part | {"detected": sum(map(seen, some)), "named": sum(map(covered, some))})
-    return result
 
 
 def goals(rows: Sequence[Row], scored: dict[str, Any], stated: dict[str, Any]) -> list[Measured]:

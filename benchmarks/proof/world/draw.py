@@ -67,10 +67,10 @@ def draw(
     return sorted(made, key=lambda one: one.name)
 
 
-def write(one: Drawn, cruise: Path, locked: Path, data: Path, own: Path | None = None) -> None:
+def write(one: Drawn, cruise: Path, locked: Path, data: Path) -> None:
     """Simulate one mooring and write its files to a cruise, and its truth to another folder."""
-    scene = _scene(one, data, own)
-    record = next((each for each in records.described(data, own) if each.name == one.water), None)
+    scene = _scene(one, data)
+    record = next((each for each in records.described(data) if each.name == one.water), None)
     meter = compass.build(one.random("compass"), scene, float(one.random("iron").choice(STRENGTHS)))
     known = {each.name: each for each in (*families.NAMED, *families.STRANGE)}
     planted = [compass.plant(scene, meter, known[name], size, one.random(name)) for name, size in one.wanted]
@@ -149,12 +149,12 @@ def _wanted(
     return (), ()
 
 
-def _scene(one: Drawn, data: Path, own: Path | None) -> Scene:
+def _scene(one: Drawn, data: Path) -> Scene:
     rng = one.random("scene")
     if one.water in (worlds := {"made": seas.make, waves.WATER: waves.make}):
         return worlds[one.water](rng, one.weather)
-    known = next(each for each in records.described(data, own) if each.name == one.water)
-    scene = records.cut(rng, known, records.whole(one.water, data, own), mirrored=one.kind == "mirrored")
+    known = next(each for each in records.described(data) if each.name == one.water)
+    scene = records.cut(rng, known, records.whole(one.water, data), mirrored=one.kind == "mirrored")
     if not one.real:
         return records.longer(rng, scene, one.weather)
     count = min(scene.time_s.size, one.weather.hours)

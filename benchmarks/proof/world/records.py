@@ -50,25 +50,15 @@ class Described:
         return (self.data / str(self.keys["files"])).exists()
 
 
-def described(data: Path, own: Path | None = None) -> list[Described]:
-    """List the described records, those of a user last.
-
-    Args:
-        data: folder of recordings; a folder ``proof`` in it may contain more descriptions.
-        own: another folder with descriptions.
-    """
-    folders = [folder for folder in (OURS, data / "proof", own) if folder is not None and folder.is_dir()]
-    return [
-        Described(path.stem, yaml.safe_load(path.read_text()), data)
-        for folder in folders
-        for path in sorted(folder.glob("*.yaml"))
-    ]
+def described(data: Path) -> list[Described]:
+    """List the described records, whose files may be in a folder of recordings."""
+    return [Described(path.stem, yaml.safe_load(path.read_text()), data) for path in sorted(OURS.glob("*.yaml"))]
 
 
 @cache
-def whole(name: str, data: Path, own: Path | None = None) -> Scene:
+def whole(name: str, data: Path) -> Scene:
     """Read a real record with all bins used, before the reference is split from it."""
-    one = next(each for each in described(data, own) if each.name == name)
+    one = next(each for each in described(data) if each.name == name)
     keys = one.keys
     record = readers.read(keys["format"], [data / keys["files"]], keys.get("settings", {}))
     # A modem may send an ensemble twice, and out of order.
