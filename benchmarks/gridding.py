@@ -16,6 +16,7 @@ from pathlib import Path
 
 import netCDF4
 import numpy as np
+import pandas as pd
 import targets  # makes tests/world importable
 import yaml
 
@@ -68,12 +69,11 @@ def in_plain_water(ground: Ground) -> Ground:
 
 def write(kind: str, ground: Ground, folder: Path) -> None:
     """Write the cruise of one mooring."""
-    drawn = draw.Sealed("M", wish=ground.wish, seed=ground.seed)
     wrong = float(np.random.default_rng(ground.seed + 1).normal(0.0, REFERENCE_DEG))
-    effects = [Effect("reference", trusted=lambda heading: np.full(heading.shape, wrong))]
+    effects = [Effect(trusted=lambda heading: np.full(heading.shape, wrong))]
     raw = folder / "raw/M"
     sealed.write(ground, effects, raw, TOP)
-    settings = draw.described(drawn, ground) | {"diagnose": {"enabled": False}, "product": {"daily": True}}
+    settings = draw.described(ground) | {"diagnose": {"enabled": False}, "product": {"daily": True}}
     settings["instruments"]["deep"] = write_point(ground, effects, raw / "deep.csv")
     if kind == "profiler":
         settings["instruments"]["deep"] = write_profiles(ground, wrong, raw / "deep.csv")
@@ -89,13 +89,16 @@ def write_point(ground: Ground, effects: Sequence[Effect], path: Path) -> dict[s
     flow = flow + water.white_vector(ground.random("deep"), flow.size, 0.02 / np.sqrt(2.0))
     flow = water.clockwise(flow, stance.recorded_deg - stance.heading_deg - stance.declination_deg)
     depth = stance.depth_m + adcp.ranges(sealed.DEEP)[:2].mean()
-    texts = np.datetime_as_string(stance.time_s.astype("datetime64[s]")).tolist()
-    rows = zip(texts, depth.tolist(), (100 * flow.real).tolist(), (100 * flow.imag).tolist(), strict=True)
-    lines = ["time_utc,depth_m,u_cm_s,v_cm_s\n", *("{}Z,{:.2f},{:.2f},{:.2f}\n".format(*row) for row in rows)]
-    path.write_text("".join(lines))
+    write_table(path, "time_utc", stance.time_s, depth_m=depth, u_cm_s=100.0 * flow.real, v_cm_s=100.0 * flow.imag)
     columns = {"time": "time_utc", "depth": "depth_m", "east": "u_cm_s", "north": "v_cm_s", "scale": 0.01}
     return {"format": "table", "files": "raw/M/deep.csv", "depth": 112, "direction_reference": "magnetic",
             "columns": columns}  # fmt: skip
+
+
+def write_table(path: Path, time: str, time_s: np.ndarray, **columns: np.ndarray) -> None:
+    """Write a CSV file with a column of times of the given name."""
+    stamps = np.char.add(np.datetime_as_string(time_s.astype("datetime64[s]")), "Z")
+    pd.DataFrame({time: stamps, **columns}).to_csv(path, index=False, float_format="%.4f")
 
 
 def write_profiles(ground: Ground, wrong_deg: float, path: Path) -> dict[str, object]:
@@ -108,9 +111,7 @@ def write_profiles(ground: Ground, wrong_deg: float, path: Path) -> dict[str, ob
     flow = flow + np.random.default_rng(ground.seed).normal(0.0, 0.01, (2, len(flow))).T @ np.array([1.0, 1j])
     turn = np.deg2rad(ground.field.at(time_s)[0] - wrong_deg)
     flow = flow * np.exp(1j * turn)
-    stamps = np.datetime_as_string(time_s.astype("datetime64[s]"))
-    rows = (f"{t}Z,{d:.2f},{v.real:.4f},{v.imag:.4f}" for t, d, v in zip(stamps, depth, flow, strict=True))
-    path.write_text("\n".join(["time,depth,u,v", *rows]))
+    write_table(path, "time", time_s, depth=depth, u=flow.real, v=flow.imag)
     columns = {"time": "time", "depth": "depth", "east": "u", "north": "v"}
     return {"format": "table", "files": "raw/M/deep.csv", "direction_reference": "magnetic", "columns": columns}
 

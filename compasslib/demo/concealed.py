@@ -122,7 +122,7 @@ def _sized(ground: Ground, effect: Callable[[float], Effect], wanted: float) -> 
 
 
 def _iron(series: Floats, direction: Floats) -> Callable[[float], Effect]:
-    return lambda size: Effect("iron", body_nt=250.0 * size * series[:, None] * direction)
+    return lambda size: Effect(body_nt=250.0 * size * series[:, None] * direction)
 
 
 def _knocked(ground: Ground, rng: np.random.Generator) -> list[Cause]:
@@ -147,7 +147,7 @@ def _unlisted(ground: Ground, rng: np.random.Generator) -> list[Cause]:
         core[k] = core[k - 1] + share * (warm[k] - core[k - 1])
     bent = "the compass's board bent while its core was still colder or warmer than the water"
     turn = ((warm - core) / np.std(warm - core))[:, None]
-    return [Cause(bent, "temperature", lambda size: Effect("reading", reading=lambda gamma: size * turn + 0.0 * gamma))]
+    return [Cause(bent, "temperature", lambda size: Effect(reading=lambda gamma: size * turn + 0.0 * gamma))]
 
 
 HOURS, BEGIN_S = 3000, 1406851200.0  # from 1 August 2014 on

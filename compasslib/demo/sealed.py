@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,14 +22,11 @@ PINGS = 4  # in an ensemble of the simulated profiler
 class Effect:
     """An effect planted at the n ensembles of one instrument; quantities that it does not change are None or 0."""
 
-    name: str
-    parameters: dict[str, float] = field(default_factory=dict)
     body_nt: Floats | None = None  # (n, 3) field added in the body frame
     reading: Callable[[Floats], Floats] | None = None  # added to readings (n, k), degrees
     trusted: Callable[[Floats], Floats] | None = None  # added to the headings of the reference (n,), degrees
     gain: float = 0.0  # relative excess gain of the reference's forward beam pair
     bias_m_s: complex = 0.0  # starboard + i forward, added to the velocities of the reference
-    size: float = 1.0
 
 
 def read(ground: Ground, effects: Sequence[Effect], time_s: Floats, rng: np.random.Generator | None = None) -> Stance:
@@ -97,7 +94,6 @@ class Ground:
 
     seed: int
     name: str
-    wish: Wish
     latitude_deg: float
     longitude_deg: float
     water_depth_m: float
@@ -142,9 +138,7 @@ def make(seed: int, name: str, wish: Wish) -> Ground:
     rng, used = water.stream(seed, name, "supply"), (grid - grid[0]) / (grid[-1] - grid[0])
     warm = 0.4 * (temperature - temperature.mean())
     supply = 166.0 - rng.uniform(12.0, 22.0) * used - rng.uniform(7.0, 14.0) * used**6 + warm
-    return Ground(
-        seed, name, wish, latitude, longitude, depth, field, currents, motion, meter, temperature, supply, stamps
-    )
+    return Ground(seed, name, latitude, longitude, depth, field, currents, motion, meter, temperature, supply, stamps)
 
 
 def trusted_heading(ground: Ground) -> Floats:

@@ -51,7 +51,7 @@ def test_iron_has_requested_strength_and_readings_are_quantized(ground):
 @pytest.mark.parametrize("iron_nt", [(0.0, 0.0, 1000.0), (150.0, -120.0, 0.0)])
 def test_iron_deviates_by_its_transverse_part_and_vertical_iron_through_tilt(ground, iron_nt):
     x, y, z = iron_nt
-    off, bare = turned(ground, Effect("iron", body_nt=np.array(iron_nt) * np.ones((ground.stamp_s.size, 1))))
+    off, bare = turned(ground, Effect(body_nt=np.array(iron_nt) * np.ones((ground.stamp_s.size, 1))))
     heading, horizontal = np.deg2rad(bare.heading_deg), ground.field.at(ground.stamp_s)[1]
     pitch, roll = (
         np.deg2rad(np.interp(ground.stamp_s, ground.motion.time_s, tilt))
@@ -63,7 +63,7 @@ def test_iron_deviates_by_its_transverse_part_and_vertical_iron_through_tilt(gro
 
 
 def test_effect_on_the_reading_is_added_to_it(ground):
-    off, bare = turned(ground, Effect("lobes", reading=lambda gamma: np.sin(np.deg2rad(3 * gamma) + 0.7)))
+    off, bare = turned(ground, Effect(reading=lambda gamma: np.sin(np.deg2rad(3 * gamma) + 0.7)))
     assert off == pytest.approx(np.sin(np.deg2rad(3 * bare.recorded_deg) + 0.7), abs=1e-6)
     off, _ = turned(ground, draw.effect_of(ground, "heading_slip")(0.5))
     assert off[0] == pytest.approx(0.0) and off[-1] == pytest.approx(0.5) and np.sum(np.diff(off) > 0.1) == 1

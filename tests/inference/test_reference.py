@@ -13,8 +13,7 @@ from tests.world import chain, draw
 
 def processed(tmp_path, effect, *, wide, hours=3000, seed=11, size_deg=3.0):
     """Process a mooring; return diagnosis.json and heading errors, in degrees and in half-widths of 95 % intervals."""
-    one = draw.Sealed("R1", {effect: size_deg}, wish=Wish(wide=wide, hours=hours), seed=seed)
-    cruise, locked = draw.write_alone(one, tmp_path)
+    cruise, locked = draw.write_alone(tmp_path, "R1", Wish(wide=wide, hours=hours), seed, {effect: size_deg})
     folder = chain.make(cruise, "R1", tmp_path / "results")
     product = netcdf.read_corrected(folder / "corrected.nc")
     time_s, heading, *_ = np.load(locked / "R1.npy")

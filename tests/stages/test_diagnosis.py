@@ -5,6 +5,7 @@ from pathlib import Path
 
 import netCDF4
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 
@@ -19,13 +20,6 @@ HOURS = 4000
 OPTIONS = {"FOUND": {}, "LEFT": {"apply": False}, "OFF": {"enabled": False}}
 
 
-def write(path: Path, **columns: np.ndarray) -> str:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    rows = zip(*(np.char.mod("%.4f", x) if x.dtype.kind == "f" else x for x in columns.values()), strict=True)
-    path.write_text("\n".join([",".join(columns), *(",".join(row) for row in rows)]) + "\n")
-    return f"raw/{path.name}"
-
-
 def describe(folder: Path, name: str, drawn: world.Drawn, diagnose: dict) -> None:
     """Write the files of a mooring: an instrument that recorded in its own frame, and the reference below it."""
     pairs = drawn.pairs
@@ -34,11 +28,12 @@ def describe(folder: Path, name: str, drawn: world.Drawn, diagnose: dict) -> Non
     top = {"time": time, "depth": pairs.upper_depth_m, "x": water.real, "y": water.imag, "heading": pairs.heading_deg}
     top |= {"tilt_x": pairs.pitch_deg, "tilt_y": pairs.roll_deg, "temperature": drawn.covariates["temperature"]}
     deep = {"time": time, "depth": pairs.lower_depth_m, "east": pairs.lower_east, "north": pairs.lower_north}
-    instruments = {
-        role: {"format": "table", "files": write(folder / f"raw/{role}.csv", **columns), "depth": depth,
-               "columns": {column: column for column in columns}}
-        for role, columns, depth in (("top", top, 100), ("deep", deep, 120))
-    }  # fmt: skip
+    (folder / "raw").mkdir(exist_ok=True)
+    instruments = {}
+    for role, columns, depth in (("top", top, 100), ("deep", deep, 120)):
+        file, names = f"raw/{role}.csv", {column: column for column in columns}
+        pd.DataFrame(columns).to_csv(folder / file, index=False, float_format="%.4f")
+        instruments[role] = {"format": "table", "files": file, "depth": depth, "columns": names}
     mooring = {
         "name": name, "latitude": 65.0, "longitude": -33.0, "water_depth": 2000, "start": "2000-01-01",
         "end": "2020-01-01", "declination": 0, "compromised": "top", "reference": "deep", "instruments": instruments,

@@ -1,7 +1,6 @@
 """Simulated moorings with planted effects of requested visible size, written as a cruise folder beside their truth."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -19,40 +18,34 @@ ROUNDS = 3
 EVERY = 3  # hours, sufficient for the size of an effect
 
 
-@dataclass(frozen=True)
-class Sealed:
-    """Specification of a simulated mooring."""
+def write_alone(folder: Path, name: str, wish: Wish, seed: int, wanted: dict[str, float]) -> tuple[Path, Path]:
+    """Write a cruise of one mooring, and its times, correct and recorded headings; return the folders of both.
 
-    name: str
-    wanted: dict[str, float] = field(default_factory=dict)  # visible rms degrees
-    wish: Wish = field(default_factory=Wish)
-    seed: int = 0
-
-
-def write_alone(one: Sealed, folder: Path) -> tuple[Path, Path]:
-    """Write a cruise of one mooring, and its times, correct and recorded headings; return the folders of both."""
+    Args:
+        wanted: visible size of each effect, rms degrees.
+    """
     cruise, locked = folder / "cruise", folder / "locked"
     (cruise / "config/moorings").mkdir(parents=True)
     locked.mkdir()
-    ground = sealed.make(one.seed, one.name, one.wish)
-    effects = [plant(ground, name, wanted_deg)[0] for name, wanted_deg in one.wanted.items()]
-    raw = sealed.write(ground, effects, cruise / "raw" / one.name)
+    ground = sealed.make(seed, name, wish)
+    effects = [plant(ground, effect, wanted_deg)[0] for effect, wanted_deg in wanted.items()]
+    raw = sealed.write(ground, effects, cruise / "raw" / name)
     (cruise / "config/config.yaml").write_text("moorings: config/moorings\n")
-    (cruise / f"config/moorings/{one.name}.yaml").write_text(yaml.safe_dump(described(one, ground), sort_keys=False))
-    np.save(locked / f"{one.name}.npy", np.stack([raw.time_s, raw.heading_deg, raw.recorded_deg]))
+    (cruise / f"config/moorings/{name}.yaml").write_text(yaml.safe_dump(described(ground), sort_keys=False))
+    np.save(locked / f"{name}.npy", np.stack([raw.time_s, raw.heading_deg, raw.recorded_deg]))
     return cruise, locked
 
 
-def described(one: Sealed, ground: Ground) -> dict[str, Any]:
+def described(ground: Ground) -> dict[str, Any]:
     """Compose the mooring's YAML file."""
     ends = (float(ground.stamp_s[0]), float(ground.stamp_s[-1]) + 2 * DEEP_SAMPLE_S)
     first, last = (datetime.fromtimestamp(x, UTC).strftime("%Y-%m-%dT%H:%M:%SZ") for x in ends)
     top, deep = (
-        {"format": "pd0", "files": f"raw/{one.name}/{role}.000", "depth": depth, "orientation": orientation}
+        {"format": "pd0", "files": f"raw/{ground.name}/{role}.000", "depth": depth, "orientation": orientation}
         for role, depth, orientation in (("top", 100, "up"), ("deep", 104, "down"))
     )
     return {
-        "name": one.name, "latitude": ground.latitude_deg, "longitude": ground.longitude_deg,
+        "name": ground.name, "latitude": ground.latitude_deg, "longitude": ground.longitude_deg,
         "water_depth": ground.water_depth_m, "start": first, "end": last, "declination": "auto",
         "compromised": "top", "reference": "deep", "instruments": {"top": top, "deep": deep},
     }  # fmt: skip
@@ -68,14 +61,14 @@ def effect_of(ground: Ground, name: str) -> Callable[[float], Effect]:
         date = float(ground.stamp_s[int(rng.uniform(0.2, 0.8) * ground.stamp_s.size)])
         shift = (ground.stamp_s >= date).astype(float)
         if name == "reference_slip":
-            return lambda size: Effect(name, trusted=lambda heading: size * shift)
-        return lambda size: Effect(name, reading=lambda gamma: size * shift[:, None] * np.ones(gamma.shape))
+            return lambda size: Effect(trusted=lambda heading: size * shift)
+        return lambda size: Effect(reading=lambda gamma: size * shift[:, None] * np.ones(gamma.shape))
     if name == "reference_beams":  # an excess gain of its forward beam pair
-        return lambda size: Effect(name, gain=0.035 * size)
+        return lambda size: Effect(gain=0.035 * size)
     phase = rng.uniform(0.0, 2.0 * np.pi)
     if name == "reference_bias":  # of its velocities in the body frame, as by ringing
-        return lambda size: Effect(name, bias_m_s=complex(0.003 * size * np.exp(1j * phase)))
-    return lambda size: Effect(name, trusted=lambda heading: size * np.sin(np.deg2rad(heading) + phase))
+        return lambda size: Effect(bias_m_s=complex(0.003 * size * np.exp(1j * phase)))
+    return lambda size: Effect(trusted=lambda heading: size * np.sin(np.deg2rad(heading) + phase))
 
 
 def plant(ground: Ground, name: str, wanted_deg: float) -> tuple[Effect, float]:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from compasslib import angles
 from compasslib.demo import adcp, compass
@@ -90,19 +91,16 @@ def _write_ship(path: Path, rng: np.random.Generator, water: Water, span_s: tupl
     depth = np.arange(24.0, SHIP_DEEPEST_M, SHIP_CELL_M)
     grid = np.broadcast_to(depth, (time.size, depth.size))
     flow = 100.0 * (relative(water, time, grid) + white_vector(rng, grid.shape, SHIP_NOISE_M_S))
-    lines = ["time_utc,depth_m,u_cm_s,v_cm_s\n"]
-    for stamp, row in zip(_stamps(time), flow, strict=True):
-        pairs = zip(depth.tolist(), row.real.tolist(), row.imag.tolist(), strict=True)
-        lines += [f"{stamp},{z:.0f},{u:.1f},{v:.1f}\n" for z, u, v in pairs]
-    path.write_text("".join(lines))
+    columns = {"depth_m": grid.ravel(), "u_cm_s": flow.real.ravel(), "v_cm_s": flow.imag.ravel()}
+    _write_table(path, np.repeat(time, depth.size), columns, "%.1f")
 
 
 def _write_truth(path: Path, posture: Posture) -> None:
-    columns = (angles.wrap360(posture.heading_deg), posture.recorded_deg, posture.depth_m)
-    rows = zip(_stamps(posture.time_s), *(column.tolist() for column in columns), strict=True)
-    header = "time_utc,heading_true_magnetic_deg,recorded_heading_deg,depth_m\n"
-    path.write_text(header + "".join("{},{:.3f},{:.2f},{:.1f}\n".format(*row) for row in rows))
+    columns = {"heading_true_magnetic_deg": angles.wrap360(posture.heading_deg)}
+    columns |= {"recorded_heading_deg": posture.recorded_deg, "depth_m": posture.depth_m}
+    _write_table(path, posture.time_s, columns, "%.3f")
 
 
-def _stamps(time_s: Floats) -> list[str]:
-    return [f"{stamp}Z" for stamp in np.datetime_as_string(time_s.astype("datetime64[s]")).tolist()]
+def _write_table(path: Path, time_s: Floats, columns: dict[str, Floats], form: str) -> None:
+    stamps = np.char.add(np.datetime_as_string(time_s.astype("datetime64[s]")), "Z")
+    pd.DataFrame({"time_utc": stamps} | columns).to_csv(path, index=False, float_format=form)

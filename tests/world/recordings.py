@@ -3,11 +3,11 @@
 ``truth`` holds the parameters of the effect, named as in a diagnosis.
 """
 
-import csv
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from compasslib.angles import wrap360
 from compasslib.demo.compass import Iron, tilting
@@ -126,8 +126,5 @@ def written(passage: Passage, path: Path) -> Path:
     columns["time_utc"] = stamps
     if np.isfinite(passage.water_speed_kn).all():
         columns["water_speed_kn"] = passage.water_speed_kn
-    with path.open("w", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(columns)
-        writer.writerows(zip(*columns.values(), strict=True))
+    pd.DataFrame(columns).to_csv(path, index=False)
     return path

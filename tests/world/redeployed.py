@@ -3,12 +3,11 @@
 Two deployments are complete, the reference of one failed early, one has none; and there is a bench calibration.
 """
 
-import csv
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from compasslib.demo.compass import earth_field
 from compasslib.demo.water import Floats
@@ -100,13 +99,10 @@ def _write_bench(folder: Path, seed: int, first: Drawn) -> None:
 
 
 def _stamps(time_s: Floats) -> list[str]:
-    return [datetime.fromtimestamp(round(t), UTC).strftime("%Y-%m-%dT%H:%M:%SZ") for t in time_s.tolist()]
+    return [f"{stamp}Z" for stamp in np.datetime_as_string(np.rint(time_s).astype("datetime64[s]")).tolist()]
 
 
 def _table(path: Path, stamps: list[str] | None, columns: dict[str, Floats]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        rows = csv.writer(stream, lineterminator="\n")
-        rows.writerow([*(["time_utc"] if stamps is not None else []), *columns])
-        for k, values in enumerate(zip(*columns.values(), strict=True)):
-            rows.writerow([*([stamps[k]] if stamps is not None else []), *(f"{value:.4f}" for value in values)])
+    time = {} if stamps is None else {"time_utc": stamps}
+    pd.DataFrame(time | columns).to_csv(path, index=False, float_format="%.4f")

@@ -31,7 +31,6 @@ class Boat:
     leeway_deg: float = 1.5  # standard deviation
     leeway_s: float = 40.0  # memory of the leeway
     water_kn: complex = 0.0  # current, east + i north
-    tide_kn: complex = 0.0  # change of the current over the swing
     filter_s: float = 0.0  # time constant of the receiver's filter
     lag_s: float = 0.0  # lag of the compass
     clock_s: float = 0.0  # clock of the compass minus that of the receiver
@@ -61,12 +60,10 @@ def sail(rng: np.random.Generator, boat: Boat, declination_deg: float, start_s: 
     """Simulate the log of a swing that starts at a time in UTC seconds since 1970; the declination is positive east."""
     steered, speed = _plan(rng, boat)
     n = steered.size
-    share = np.linspace(0.0, 1.0, n)
     heading = steered + red_noise(rng, n, memory=20.0, deviation=boat.wander_deg)
     leeway = red_noise(rng, n, memory=boat.leeway_s, deviation=boat.leeway_deg)
     through = speed * towards(heading + leeway + declination_deg)
-    water = boat.water_kn + boat.tide_kn * (share - 0.5)
-    ground = _filtered(through + water + red_vector(rng, n, memory=10.0, deviation=0.08), boat.filter_s)
+    ground = _filtered(through + boat.water_kn + red_vector(rng, n, memory=10.0, deviation=0.08), boat.filter_s)
     logged: Floats = np.full(n, np.nan)
     if boat.log_scale:
         logged = np.round(boat.log_scale * speed + red_noise(rng, n, memory=5.0, deviation=0.1), 1)
