@@ -17,7 +17,8 @@ from tests.world import pairs as world
 from tests.world.launch import CONTRACT
 
 HOURS = 4000
-OPTIONS = {"FOUND": {}, "LEFT": {"apply": False}, "OFF": {"enabled": False}}
+SEARCH = {"surrogates": 99}  # the fewest by which anything can be detected
+OPTIONS = {"FOUND": SEARCH, "LEFT": SEARCH | {"apply": False}, "OFF": {"enabled": False}}
 
 
 def describe(folder: Path, name: str, drawn: world.Drawn, diagnose: dict) -> None:

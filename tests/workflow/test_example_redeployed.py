@@ -16,6 +16,7 @@ from tests.world import chain, redeployed
 from tests.world.launch import PROJECT, change, completed, keeps_contract, planned
 
 EXAMPLE = PROJECT / "examples/redeployed"
+OPTIONS = "{overlap: {grid_minutes: 360, max_metres: 60}, diagnose: {surrogates: 19}}"
 SHORT = {"R1": "2007-12-10", "R2": "2009-01-13", "R4": "2011-03-24"}  # ends of deployments of a hundred days
 
 
@@ -24,7 +25,7 @@ def done(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("redeployed")
     shutil.copytree(EXAMPLE / "config", folder / "config")
     (folder / "config/moorings/R3.yaml").unlink()
-    (folder / "config/config.yaml").write_text("overlap: {grid_minutes: 360, max_metres: 60}\n")
+    (folder / "config/config.yaml").write_text(f"{OPTIONS}\n")
     for name, end in SHORT.items():
         change(folder / f"config/moorings/{name}.yaml", end=end)
     redeployed.write_cruise(folder, seed=2, hours=2400, every=6)
