@@ -27,7 +27,7 @@ from compasslib.inference.kinds.mooring import diagnose
 from compasslib.records import EarthField, Pairs, take
 from tests.world import chain
 from tests.world import pairs as world
-from tests.world.diagnosed import HOURS, seen, state_of
+from tests.world.diagnosed import HOURS, diagnosed, seen, state_of
 from tests.world.pairs import red_from_rest as red_noise
 from tests.world.sea import FOLDED, pairs, plain_record, real
 
@@ -185,7 +185,7 @@ def test_missing_tilt_compensation_is_distinguished_from_heeling_iron():
     east, north = angles.turn(sea.flow.real, sea.flow.imag, recorded - sea.heading)
     heading = angles.wrap360(recorded)
     drawn = replace(drawn, pairs=replace(drawn.pairs, heading_deg=heading, upper_east=east, upper_north=north))
-    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    found = diagnosed(drawn)
     (finding,) = found.findings
     assert finding.effect == "tilt_uncompensated"
     share = finding.parameters["share"]
@@ -255,7 +255,7 @@ def test_a_sector_in_which_the_compass_sticks_is_located():
 def test_a_turn_beyond_a_depth_threshold_is_attributed_to_depth():
     """A reading that depends on depth and a current that does so yield nearly the same pairs."""
     drawn = world.planted(world.make(6, wide=False, n=HOURS), {"depth_threshold": 3.5})
-    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options())
+    found = diagnosed(drawn)
     assert {one.driver for one in (*found.findings, *found.current)} == {"depth"}
 
 
@@ -280,14 +280,14 @@ def test_a_reading_that_changes_for_a_while_is_given_no_other_driver_than_time()
 
 def test_octantal_is_selected_over_sextantal_in_narrow_headings():
     drawn, _ = bench.draw("single", 60, 70)  # narrow headings: the sextantal's columns at size 0 score higher
-    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    found = diagnosed(drawn)
     assert set(drawn.truth) == {"octantal"}
     assert [one.effect for one in found.findings] == ["octantal"] and found.unexplained is None
 
 
 def test_an_effect_masked_by_a_current_keeps_its_weight():
     drawn, _ = bench.draw("two", 8, 9701)  # 1.5 degrees each
-    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    found = diagnosed(drawn)
     assert set(drawn.truth) == {"heeling", "current_veer"} and found.sides["compass"] > 0.4
     weights = {one.effect: one.weight for one in found.applied}
     assert max(weights, key=lambda name: weights[name] * (name != "none")) == "heeling" and weights["heeling"] > 0.15
@@ -299,7 +299,7 @@ def test_a_slip_of_13_degrees_is_dated_and_said_of_one_of_the_two_instruments():
     drawn, even = world.planted(made, {"heading_slip": 6.0}), np.arange(0, 8760, 2)
     logged = {name: column[even] for name, column in drawn.covariates.items()}
     drawn = replace(drawn, pairs=take(drawn.pairs, even), covariates=logged, heading=drawn.heading[even])
-    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    found = diagnosed(drawn, surrogates=199)
     (finding,) = found.findings
     assert found.verdict == "ambiguous" and found.detection.rank_p == 0.005
     chances = [one["probability"] for one in found.to_json()["experiments"]]
@@ -328,7 +328,7 @@ def test_flow_direction_covariate_shares_no_noise_with_the_residual(own_m_s):
 
 def test_clock_offset_is_attributed_to_the_clock_and_interpolation_not_to_veer():
     drawn, _ = bench.draw("clock", 4, 9903)
-    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    found = diagnosed(drawn)
     (finding,) = found.findings
     assert (finding.effect, finding.side) == ("clock_offset", "clock") and found.applied[0].compass is None
     hours = finding.parameters["hours"]
@@ -340,7 +340,7 @@ def test_clock_error_refuted_by_held_out_directions_only_warns(monkeypatch):
     drawn = world.planted(world.make(5, wide=True, n=HOURS), {})
     wrong = mooring.ClockError(-9.0, 0.0, 0.1, 0.1, True, False)
     monkeypatch.setattr(mooring, "estimate_clock_error", lambda pairs: wrong)
-    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options())
+    found = diagnosed(drawn, surrogates=199)
     assert not [one for one in found.findings if one.side == "clock"]
     assert "held-out directions then agree less" in found.warnings[0] and found.to_json()["warnings"]
 
@@ -378,7 +378,7 @@ def test_clock_error_is_estimated_from_the_wider_pairs_if_given():
 
 def test_a_season_alone_does_not_identify_temperature():
     drawn, _ = bench.draw("control", 8, 9802)  # the logged temperature is shifted by months
-    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    found = diagnosed(drawn, surrogates=199)
     assert not any("temperature" in (one.effect, *one.alternatives) for one in found.findings)
     assert found.findings or found.unexplained is not None  # no logged series follows this iron
 
@@ -476,7 +476,7 @@ def test_each_battery_has_its_own_iron(monkeypatch):
     monkeypatch.setattr(world, "effect", lambda *asked: iron)
     monkeypatch.setattr(world, "visible", lambda *asked: 1.0)
     drawn = world.planted(here, {"battery_change": 1.0})
-    found = diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn))
+    found = diagnosed(drawn, surrogates=199)
     (finding,) = found.findings
     assert finding.effect == "battery_change" and finding.applied
     sizes = {name: one.value / 1.3 for name, one in finding.parameters.items()}

@@ -1,5 +1,7 @@
 """Simulated half-year moorings, diagnosed."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from benchmarks.discrepancy import field_of, fitted
@@ -9,13 +11,17 @@ from compasslib.inference.kinds.mooring import diagnose
 from tests.world import pairs as world
 
 HOURS = 4000
+FEWEST = Options(surrogates=99)  # by which anything can be detected; half of the default
 
 
 def seen(wanted, seed=1, **options):
-    """With half of the surrogates by default, the fewest by which anything can be detected."""
     drawn = world.planted(world.make(seed, wide=True, n=HOURS), wanted)
-    asked = Options(surrogates=99, **options)
-    return drawn, diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), asked)
+    return drawn, diagnosed(drawn, **options)
+
+
+def diagnosed(drawn, **options):
+    """Diagnose a simulated mooring; options: of ``FEWEST``."""
+    return diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), replace(FEWEST, **options))
 
 
 def state_of(drawn, more=None, *, magnetic=True):
