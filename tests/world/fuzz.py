@@ -99,7 +99,9 @@ def _through(record: Record) -> Record:
 
 
 def _good(record: Record) -> set[tuple[float, ...]]:
-    good = np.flatnonzero((record.heading_quality <= PROBABLY_GOOD) & np.isfinite(record.heading_deg))
+    measured = np.isfinite(record.heading_deg)
+    flags = record.heading_quality if measured.any() else record.quality[:, 0]  # of tables without headings
+    good = np.flatnonzero(flags <= PROBABLY_GOOD)
     columns = [record.time_s, record.heading_deg, *record.east.T[:2], *record.north.T[:2]]
     return set(zip(*(np.round(np.nan_to_num(column[good], nan=-9.0), 4).tolist() for column in columns), strict=True))
 
