@@ -116,19 +116,25 @@ class Detection:
     @property
     def significant(self) -> bool:
         """Whether an effect is detected; never without surrogates."""
-        return self.rank_p is not None and self.rank_p <= DETECTED_P
+        return self.rank_p is not None and self.rank_p <= _required_p(self.n_surrogates)
 
     @classmethod
     def by_rank(cls, statistic: float, surrogates: Sequence[Floats]) -> Detection:
         """Rank a statistic among those of each kind of surrogates, of equal number; the larger p-value counts."""
         count = len(surrogates[0]) if surrogates else 0
         chances = [(1 + int(np.sum(kind >= statistic))) / (1 + count) for kind in surrogates]
-        rank = int(DETECTED_P * (1 + count))  # 0 if too few are drawn for any rank to be high enough
+        rank = int(_required_p(count) * (1 + count) + 1e-9)  # 0 if too few are drawn for any rank to be high enough
         thresholds = [float(np.sort(kind)[-rank]) for kind in surrogates if rank]
         return cls(statistic, count, max(chances, default=None), max(thresholds, default=None))
 
     def to_json(self) -> dict[str, float | int | None]:
         return {"rank_p": self.rank_p, "n_surrogates": self.n_surrogates, "statistic": self.statistic}
+
+
+def _required_p(surrogates: int) -> float:
+    """Find the rank up to which an effect is detected; of too few surrogates for it the highest, if that is 0.05."""
+    highest = 1.0 / (1 + surrogates)
+    return max(DETECTED_P, highest) if highest <= CONFIRMED_P else DETECTED_P
 
 
 @dataclass(frozen=True)

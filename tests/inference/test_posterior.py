@@ -214,6 +214,16 @@ def test_the_larger_p_value_of_both_kinds_of_surrogates_counts():
     assert Detection.by_rank(2.0, [low]).significant and not Detection.by_rank(2.0, []).significant
 
 
+@pytest.mark.parametrize(
+    ("count", "higher", "detected"),
+    [(199, 1, True), (199, 2, False), (19, 0, True), (19, 1, False), (18, 0, False)],
+)
+def test_few_surrogates_detect_what_exceeds_all_of_them(count, higher, detected):
+    detection = Detection.by_rank(2.0, [np.append(np.zeros(count - higher), np.full(higher, 3.0))])
+    assert detection.significant == detected
+    assert (detection.threshold is None) == (count == 18)
+
+
 def test_surrogates_with_random_signs_keep_the_noise_of_each_time():
     state = state_of(world.planted(world.make(8, wide=True, n=4000), {}))
     model = linearize(state, slow := noise.slow_noise_basis(state.comparison))
