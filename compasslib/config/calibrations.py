@@ -23,7 +23,7 @@ Pair = Annotated[tuple[Angle, Angle], values.listed(float, 2)]
 Direction = Literal["up", "down"]
 Orientations = Annotated[tuple[Direction, Direction], values.listed(Direction, 2)]
 # Headers of tables by role, needed only where they differ from the role; config/README.md has the units.
-PlatformColumns = dict[Literal["reference_deg", "recorded_deg", "time_utc"], values.Text]
+PlatformColumns = dict[Literal["reference_deg", "recorded_deg"], values.Text]
 TiltColumns = dict[Literal["reference_tilt_deg", "recorded_pitch_deg", "recorded_roll_deg"], values.Text]
 SwingColumns = dict[Literal["compass_deg", "cog_deg", "true_deg", "speed_kn", "time_utc", "date", "clock"], values.Text]
 MagnetometerColumns = dict[

@@ -4,7 +4,6 @@ What pydantic refuses is described by the field (``cruise.describe``); ``problem
 """
 
 import difflib
-import glob
 import os
 import posixpath
 import re
@@ -236,8 +235,11 @@ def _expand_glob(path: str, place: RawFolder) -> list[str]:
         raise problem(None, expected, shown(path), "list the files")
     if os.path.isdir(place.root / path):
         raise problem(None, "a file", f"the folder {path}", f"write {path}/* for all files in it")
-    there = sorted(glob.glob(path, root_dir=place.root, recursive=True))  # without hidden files
-    files = [file for file in there if os.path.isfile(place.root / file)]
+    # Hidden files are left out; ** does not follow symbolic links, which may form loops.
+    pattern = f"{path}/*" if path.endswith("**") else re.sub(r"\*\*+(?=[^/*])|(?<=[^/*])\*\*+", "*", path)
+    there = place.root.glob(pattern) if is_glob else ()
+    matches = [match.relative_to(place.root) for match in there if match.is_file()]
+    files = sorted(str(match) for match in matches if not any(part.startswith(".") for part in match.parts))
     if not files:
         advice = "put it there or correct the path, relative to the cruise folder"
         raise problem(None, "an existing file", f"no file {'that matches ' * is_glob}{path}", advice)

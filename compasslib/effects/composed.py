@@ -111,8 +111,8 @@ def _lagged(x: Floats, time_s: Floats, constant_s: float) -> Floats:
 def play(x: Floats, width: float) -> Floats:
     """Apply a play operator (backlash) to a driver: the output stays until the driver moves it, (n,).
 
-    Each sample clips the output to an interval about the driver. Clipping to one interval after another is clipping to
-    a third, so that the intervals of spans of twice the length are combined at once (a parallel prefix sum).
+    Each sample clips the output to an interval about the driver. Clipping to two intervals in turn equals clipping to a
+    third one, so that the intervals of ever longer spans are combined, all samples at once (a parallel prefix sum).
     """
     low, high, span = x - width / 2.0, x + width / 2.0, 1
     while span < len(x):

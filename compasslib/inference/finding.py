@@ -132,9 +132,9 @@ class Detection:
 
 
 def _required_p(surrogates: int) -> float:
-    """Find the rank up to which an effect is detected; of too few surrogates for it the highest, if that is 0.05."""
-    highest = 1.0 / (1 + surrogates)
-    return max(DETECTED_P, highest) if highest <= CONFIRMED_P else DETECTED_P
+    """Find the largest p-value of a detection: ``DETECTED_P``, or the least of few surrogates if up to 0.05."""
+    least = 1.0 / (1 + surrogates)
+    return max(DETECTED_P, least) if least <= CONFIRMED_P else DETECTED_P
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,11 @@
 """Slow noise of directions at two depths, which is part of every hypothesis: slow water, tides and the current.
 
 Veer and shear of slow water are Gaussian processes of unknown size and memory, which are marginalized: they differ for
-weeks, as slowly as some terms of the compass change. Tidal ellipses differ too. The directions also differ with speed,
-depth, tide and direction of the current, with mooring motion, and by errors of the velocity measurement. None of this
-changes a heading. All these columns have Gaussian coefficients of typical size; which drivers of the current act, and
-how strongly, is inferred under the most probable hypothesis and used when a compass is refitted.
+weeks, as slowly as some terms of the compass change, and may have a yearly season. Tidal ellipses differ too. The
+directions also differ with speed, depth, tide and direction of the current, with mooring motion, and by errors of the
+velocity measurement. None of this changes a heading. All these columns have Gaussian coefficients of typical size;
+which drivers of the current act, and how strongly, is inferred under the most probable hypothesis and used when a
+compass is refitted.
 """
 
 from __future__ import annotations
@@ -129,7 +130,6 @@ class SlowNoiseBasis:
     columns: Floats  # (n, q) degrees a unit: cosines of veer, of east and north shear; their tides; season; current
     frequency: Floats  # (k,) cycles a day, evenly spaced from 0
     kinds: int  # number of processes: 1, or 3 with shear
-    tides: int  # number of columns
     drivers: tuple[str, ...]  # of the last columns, those of the current in units of prior sizes
     current: Floats  # variance of each of these
     known: tuple[SlowShear, float] | None = None  # slow shear that a profile shows, and the median speed in m/s
@@ -140,8 +140,9 @@ class SlowNoiseBasis:
         each = [
             process.variances(self.frequency, step) for process in (slow_noise.veer, slow_noise.shear, slow_noise.shear)
         ]
+        tides = int(self.season[0]) - self.kinds * len(self.frequency)
         season = np.repeat(np.square(slow_noise.season_deg), [SEASON_COLUMNS // 3, 2 * SEASON_COLUMNS // 3])
-        return np.concatenate([*each[: self.kinds], np.full(self.tides, USUAL_SHEAR_M_S**2), season, self.current])
+        return np.concatenate([*each[: self.kinds], np.full(tides, USUAL_SHEAR_M_S**2), season, self.current])
 
     @property
     def season(self) -> NDArray[np.intp]:
@@ -153,7 +154,7 @@ class SlowNoiseBasis:
         return replace(self, current=np.where(np.isin(self.drivers, list(drivers)), 0.0, self.current))
 
     def slow_noises(self) -> list[SlowNoise]:
-        """List the grid of parameters of slow water; a season is within the memories that a profile may show."""
+        """List the grid of parameters of slow water; where a profile shows it, its memory covers a season."""
         if self.known is not None and self.kinds > 1:
             return known_slow_noises(*self.known)
         slow_noises = []
@@ -181,16 +182,15 @@ def slow_noise_basis(comparison: LongComparison) -> SlowNoiseBasis:
     waves = np.cos(np.pi * (time_s - time_s[0])[:, None] / (days * DAY_S) * np.arange(count))
     current, kinds = current_columns(comparison), 1
     drivers = tuple(driver for driver, columns in current.items() for _ in range(columns.shape[1]))
-    each, tides = [season_columns(comparison), *current.values()], 0
+    each = [season_columns(comparison), *current.values()]
     if "flow_east" in comparison.scene.departures and "speed" in comparison.covariates:
         shears = ((waves, SPEED_SPAN_S), (tide_waves(time_s), TIDE_SPAN_S))
         each, kinds = [*(shear_columns(comparison, *shear) for shear in shears), *each], 3
-        tides = each[1].shape[1]
     known = None
     if comparison.slow_shear is not None and "speed" in comparison.covariates:
         known = comparison.slow_shear, float(np.median(comparison.covariates["speed"]))
     prior = np.full(len(drivers), LARGE_CURRENT**2)
-    return SlowNoiseBasis(np.concatenate([waves, *each], axis=1), frequency, kinds, tides, drivers, prior, known)
+    return SlowNoiseBasis(np.concatenate([waves, *each], axis=1), frequency, kinds, drivers, prior, known)
 
 
 def season_columns(comparison: LongComparison) -> Floats:

@@ -10,6 +10,7 @@ from benchmarks.discrepancy import field_of, fitted
 from compasslib import angles
 from compasslib.deviation.average import CompassSeries, average_compasses
 from compasslib.effects import SIDES
+from compasslib.effects.effect import YEAR_S
 from compasslib.inference import design, heldout, linear_model, noise, places, search
 from compasslib.inference.finding import Detection
 from compasslib.inference.kinds.mooring import diagnose
@@ -205,6 +206,15 @@ def test_equal_weights_average_headings_and_widen_sigma():
     assert np.all(made.agreed == 0.5)  # they are four standard errors apart
     sure = average_compasses(replace(at, weight=0.97, others=(compass_off_by(4.0, 0.03),)), np.zeros(12))
     assert np.all(sure.agreed > 0.9) and np.all(np.abs(angles.wrap180(sure.shift_deg)) < 0.2)
+
+
+def test_season_columns_represent_a_yearly_veer(lobes):
+    _, found = lobes
+    slow, time_s = noise.slow_noise_basis(found.fitted.comparison), found.fitted.comparison.scene.time_s
+    veer, columns = np.cos(2.0 * np.pi * time_s / YEAR_S + 1.0), slow.columns[:, slow.season]
+    sizes, *_ = np.linalg.lstsq(columns, veer, rcond=None)
+    np.testing.assert_allclose(columns @ sizes, veer, atol=1e-6)
+    assert any(np.all(slow.variances(each)[slow.season][:4] > 0.0) for each in slow.slow_noises())
 
 
 def test_the_larger_p_value_of_both_kinds_of_surrogates_counts():
