@@ -104,10 +104,17 @@ def log_bayes_factors(
         freedom: degrees of freedom of the noise's variance; infinite if it is known.
     """
     grown = amplitude**2 * values
-    gain = ((0.5 * amplitude**2 / (1.0 + grown))[..., None, :] @ along)[..., 0, :]
+    gain = ((0.5 * amplitude**2 / (1.0 + grown)).astype(along.dtype)[..., None, :] @ along)[..., 0, :]
     if square is not None:
         gain = -0.5 * freedom * np.log1p(-2.0 * gain / square)
     return np.asarray(gain - 0.5 * np.log1p(grown).sum(axis=-1)[..., None])
+
+
+def log_sum(logs: Floats) -> Floats:
+    """Compute the logarithm of a sum of exponentials along the first axis, faster than ``numpy.logaddexp``."""
+    top = np.maximum(logs.max(axis=0), np.finfo(logs.dtype).min)
+    with np.errstate(divide="ignore"):  # of nothing but impossible ones
+        return np.asarray(top + np.log(np.exp(logs - top).sum(axis=0)))
 
 
 @dataclass(frozen=True)
@@ -126,7 +133,7 @@ class Evidence:
         none = self.none + self.log_prior
         shares = np.array([option.share for option in self.options])
         total = np.logaddexp.reduce(none, axis=0)
-        return np.logaddexp.reduce(none[:, None] - total + self.factors, axis=0) + shares[:, None]
+        return log_sum((none[:, None] - total).astype(self.factors.dtype) + self.factors) + shares[:, None]
 
     @cached_property
     def statistic(self) -> Floats:

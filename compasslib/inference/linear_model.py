@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import get_blas_funcs, solve_triangular
 
 from compasslib.effects import Effect, Scene
 from compasslib.effects.composed import (
@@ -41,6 +41,7 @@ from compasslib.inference.evidence import (
     Option,
     block_of,
     log_bayes_factors,
+    log_sum,
     scale_option,
     with_shares,
 )
@@ -80,6 +81,11 @@ class Products:
     ends: NDArray[np.intp]  # (g + 1,) boundaries between the columns of the options
     amplitudes: Floats  # (a, g) prior rms of each option, degrees, equally probable
 
+    @cached_property
+    def of_options(self) -> Floats:
+        """Products of the columns with those of the options, (m, p), in the precision of the columns."""
+        return self.information[:, : self.ends[-1]].astype(np.float32)
+
     def columns(self, option: int) -> NDArray[np.intp]:
         """Indices of an option's columns."""
         return np.arange(self.ends[option], self.ends[option + 1])
@@ -104,9 +110,10 @@ class Marginal:
     lower: Floats  # Cholesky factor of their posterior precision, in units of these
 
     def half(self, columns: Floats) -> Floats:
-        """Compute the part of products, (m, ...), that the marginalized columns take, as a square root."""
-        scaled = self.root[:, None] * columns[self.at]
-        return np.asarray(solve_triangular(self.lower, scaled, lower=True, check_finite=False))
+        """Compute the part of products, (m, k), that the marginalized columns take, as a square root, (a, k)."""
+        root, lower = (x.astype(columns.dtype, copy=False) for x in (self.root, self.lower))
+        (solve,) = get_blas_funcs(["trsm"], [columns])  # transposed, so that nothing is copied
+        return np.asarray(solve(1.0, lower.T, (root[:, None] * columns[self.at]).T, side=1).T)
 
     @cached_property
     def taken(self) -> Floats:
@@ -134,11 +141,16 @@ class Marginal:
         return np.asarray(size[:, None] * np.linalg.solve(precision, size[:, None] * score))
 
     @cached_property
+    def cross(self) -> Floats:
+        """The part of the products with the options, (a, p), in the precision of the columns."""
+        return self.half(self.products.of_options)
+
+    @cached_property
     def _options(self) -> list[tuple[NDArray[np.intp], Floats, Floats]]:
         """Options of each number of columns: eigenvalues, (g, k), and squared scores along them, (g, k, r)."""
         ends, result = self.products.ends, list[tuple[NDArray[np.intp], Floats, Floats]]()
-        cross = self.half(self.products.information[:, : ends[-1]])
-        left = self.products.score[: ends[-1]] - cross.T @ self.taken
+        cross = self.cross
+        left = (self.products.score[: ends[-1]] - cross.T @ self.taken.astype(np.float32)).astype(np.float32)
         sizes = np.diff(ends)
         for size in np.unique(sizes):
             options = np.flatnonzero(sizes == size)
@@ -146,14 +158,14 @@ class Marginal:
             part = cross[:, index.ravel()].T.reshape(*index.shape, len(self.at))
             information = self.products.information[index[:, :, None], index[:, None, :]]
             values, vectors = np.linalg.eigh(information - part @ part.transpose(0, 2, 1))
-            along = (vectors.transpose(0, 2, 1) @ left[index]) ** 2
+            along = (vectors.transpose(0, 2, 1).astype(np.float32) @ left[index]) ** 2
             result.append((options, np.maximum(values, 0.0), along))
         return result
 
     @cached_property
     def by_amplitude(self) -> Floats:
         """Log Bayes factor of each option over none at each amplitude, (a, g, r)."""
-        result = np.empty((*self.products.amplitudes.shape, self.products.score.shape[1]))
+        result = np.empty((*self.products.amplitudes.shape, self.products.score.shape[1]), dtype=np.float32)
         for options, values, along in self._options:
             result[:, options] = log_bayes_factors(values, along, self.products.amplitudes[:, options, None])
         return result
@@ -161,7 +173,7 @@ class Marginal:
     @property
     def evidence(self) -> Floats:
         """Log Bayes factor of each option over none, (g, r)."""
-        return np.asarray(np.logaddexp.reduce(self.by_amplitude, axis=0) - np.log(len(self.products.amplitudes)))
+        return log_sum(self.by_amplitude) - np.log(len(self.products.amplitudes), dtype=np.float32)
 
     @property
     def none(self) -> Floats:
@@ -201,7 +213,7 @@ class LinearModel:
         """Compute the evidence of each option beside the entered ones; the scores are the recording's by default."""
         products = self.products if score is None else replace(self.products, score=score)
         each = [products.marginalize(self.slow.variances(slow_noise), entered) for slow_noise in slow_noises]
-        none, factors = zip(*((marginal.none, marginal.evidence.astype(np.float32)) for marginal in each), strict=True)
+        none, factors = zip(*((marginal.none, marginal.evidence) for marginal in each), strict=True)
         prior = np.array([[slow_noise.log_prior] for slow_noise in slow_noises])
         return Evidence(self.options, tuple(slow_noises), prior, np.array(none), np.array(factors))
 

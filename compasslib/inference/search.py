@@ -25,6 +25,7 @@ from compasslib.inference.evidence import (
     Evidence,
     Place,
     log_bayes_factors,
+    log_sum,
     side_probabilities,
 )
 from compasslib.inference.finding import Detection, compare_names
@@ -254,10 +255,12 @@ def detect(model: LinearModel, evidence: Evidence, entered: Entered, surrogates:
     Two kinds are drawn: simulated noise, and, for records whose noise the model does not describe, the record's own
     residual without any likely effect, with random signs of its blocks.
     """
-    statistics = []
-    for residual in (None, _residual(model, evidence, entered)) if surrogates else ():
-        score = model.scores(model.draw(evidence, surrogates, seed, entered, residual))
-        statistics.append(model.weigh(evidence.likely_noises, entered, score).statistic)
+    statistics: Sequence[Floats] = []
+    if surrogates:
+        kinds = (None, _residual(model, evidence, entered))
+        scores = [model.scores(model.draw(evidence, surrogates, seed, entered, residual)) for residual in kinds]
+        each = model.weigh(evidence.likely_noises, entered, np.concatenate(scores, axis=1)).statistic
+        statistics = np.split(each, len(kinds))
     return Detection.by_rank(float(evidence.statistic[0]), statistics)
 
 
@@ -316,14 +319,16 @@ def _statistics(
     direction /= np.sqrt(np.mean((visible @ direction) ** 2, axis=0))
     planted = []
     for prior, marginal in marginals:
-        half, taken = marginal.half(model.products.information[:, at]) @ direction, marginal.taken[:, part]
-        information, left = marginal.left(at)
+        cross, taken = marginal.cross[:, at], marginal.taken[:, part]
+        information = model.products.information[np.ix_(at, at)] - cross.T @ cross
+        left = marginal.products.score[np.ix_(at, part)] - cross.T @ taken
         values, vectors = np.linalg.eigh(information)
+        half = cross @ direction
         none = np.array([marginal.none[part], np.sum(half * taken, axis=0), 0.5 * np.sum(half**2, axis=0)])
-        along = np.array([vectors.T @ left[:, part], vectors.T @ information @ direction])
+        along = np.array([vectors.T @ left, vectors.T @ information @ direction])
         planted.append(_Planted(prior, none, along, np.maximum(values, 0.0), model.products.amplitudes[:, k]))
     each = [slow_noise.log_likelihoods(SIZES_DEG) for slow_noise in planted]
-    none, effect = (np.logaddexp.reduce(np.array(logs), axis=0) for logs in zip(*each, strict=True))
+    none, effect = (log_sum(np.array(logs)) for logs in zip(*each, strict=True))
     return np.asarray(effect - none + model.options[k].share)
 
 
@@ -343,4 +348,4 @@ class _Planted:
         none = self.prior + self.none[0] + size * self.none[1] + size**2 * self.none[2]
         along = (self.score[0] + size[:, None] * self.score[1]) ** 2
         effect = log_bayes_factors(self.values[None], along[:, None], self.amplitudes[:, None, None, None])
-        return none, none + np.logaddexp.reduce(effect[..., 0, :], axis=0) - np.log(len(self.amplitudes))
+        return none, none + log_sum(effect[..., 0, :]) - np.log(len(self.amplitudes))

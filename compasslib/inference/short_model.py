@@ -28,6 +28,7 @@ from compasslib.inference.evidence import (
     Evidence,
     Option,
     log_bayes_factors,
+    log_sum,
     scale_option,
     with_shares,
 )
@@ -123,9 +124,25 @@ class FittedHypothesis:
     comparison: ShortComparison
     base: Floats  # (b,)
     terms: tuple[Effect, ...]
-    residual_deg: Floats  # (n,)
-    columns: Floats  # (n, b + p) derivative of the simulated heading by each parameter, degrees a unit
     used: NDArray[np.bool_]  # (n,) the samples that are fitted
+
+    @cached_property
+    def residual_deg(self) -> Floats:
+        """Observed minus simulated values, (n,)."""
+        return self.comparison.difference(self.base, self.terms)
+
+    @cached_property
+    def columns(self) -> Floats:
+        """Derivative of the simulated heading by each parameter, (n, b + p) degrees a unit."""
+        at, steps = self.parameters, self.steps
+        columns = np.zeros((len(self.comparison), len(at)))
+        for term, place in zip(self.terms, parameter_slices(self.terms, len(self.base)), strict=True):
+            if isinstance(term, ComposedEffect):
+                columns[:, place], steps[place] = self.comparison.series(term), 0.0
+        for j in np.flatnonzero(steps):
+            probe = PROBE_STEP * steps[j]
+            columns[:, j] = (self.residual_deg - self.at(at + probe * (np.arange(len(at)) == j)).residual_deg) / probe
+        return columns
 
     @cached_property
     def scale_deg(self) -> float:
@@ -170,6 +187,8 @@ class FittedHypothesis:
 
     def derivative(self, term: Effect) -> Floats:
         """Differentiate the simulated heading by the parameters of a term added to the hypothesis, (n, p)."""
+        if isinstance(term, ComposedEffect):
+            return self.comparison.series(term)
         made = []
         for j, step in enumerate(0.1 * term.steps()):
             moved = term.at(term.values + step * (np.arange(len(term.values)) == j))
@@ -232,9 +251,15 @@ class FittedHypothesis:
         step, *_ = np.linalg.lstsq(columns, self.residual_deg * weight, rcond=1e-6)
         return step * self.steps, float(np.max(np.abs(step)))
 
+    def at(self, parameters: Floats) -> FittedHypothesis:
+        """Replace the parameters, (b + p,)."""
+        each = zip(self.terms, parameter_slices(self.terms, len(self.base)), strict=True)
+        terms = tuple(term.at(parameters[place]) for term, place in each)
+        return replace(self, base=parameters[: len(self.base)], terms=terms)
+
     def moved(self, step: Floats) -> FittedHypothesis:
-        """Linearize at other parameters."""
-        return _linearize(self.comparison, self.parameters + step, self.terms, self.used)
+        """Add a step to the parameters."""
+        return self.at(self.parameters + step)
 
     def misfit(self, other: FittedHypothesis) -> float:
         """Compute the ratio of another hypothesis' sum of squares to this one's."""
@@ -251,30 +276,8 @@ def fit_hypothesis(
 ) -> FittedHypothesis:
     """Fit the base parameters, from those of a fit near, and terms, from their values; dates are held fixed."""
     base = comparison.start if near is None else near.base
-    begin = _linearize(
-        comparison,
-        np.concatenate([base, *(term.values for term in terms)]),
-        tuple(terms),
-        np.ones(len(comparison), dtype=bool) if use is None else use,
-    )
+    begin = FittedHypothesis(comparison, base, tuple(terms), np.ones(len(comparison), bool) if use is None else use)
     return gauss_newton(begin, rounds=12, close=1e-3, worse=1.0 + MISFIT_TOLERANCE) if len(begin.steps) else begin
-
-
-def _linearize(
-    comparison: ShortComparison, theta: Floats, terms: tuple[Effect, ...], used: NDArray[np.bool_]
-) -> FittedHypothesis:
-    count = len(comparison.start)
-    places = parameter_slices(terms, count)
-
-    def at(theta: Floats) -> tuple[Floats, tuple[Effect, ...]]:
-        return theta[:count], tuple(term.at(theta[part]) for term, part in zip(terms, places, strict=True))
-
-    residual, columns = comparison.difference(*at(theta)), np.zeros((len(comparison), len(theta)))
-    now = FittedHypothesis(comparison, *at(theta), residual, columns, used)
-    for j in np.flatnonzero(now.steps):
-        probe = PROBE_STEP * now.steps[j]
-        columns[:, j] = (residual - comparison.difference(*at(theta + probe * (np.arange(len(theta)) == j)))) / probe
-    return now
 
 
 def short_options(state: FittedHypothesis, taken: Collection[str] = ()) -> tuple[Option, ...]:
@@ -397,12 +400,19 @@ def _option(state: FittedHypothesis, term: Effect, derivative: Floats | None = N
     return scale_option(term, derivative, np.sqrt(np.mean(derivative**2, axis=0)), cell=cell)
 
 
-def weigh(state: FittedHypothesis, options: Sequence[Option], residuals: Floats) -> Callable[[float], Evidence]:
-    """Prepare the evidence of options under each noise law, for residuals (n, r), as a function of the scatter."""
-    laws, rule_deg = state.comparison.laws, state.comparison.rule_deg
+def weigh(
+    comparison: ShortComparison, base: Floats, options: Sequence[Option], residuals: Floats
+) -> Callable[[float], Evidence]:
+    """Prepare the evidence of options under each noise law, as a function of the scatter.
+
+    Args:
+        base: columns of the hypothesis, (n, b).
+        residuals: (n, r).
+    """
+    laws, rule_deg = comparison.laws, comparison.rule_deg
     ends = np.cumsum([0, *(option.columns.shape[1] for option in options)])
     columns = np.concatenate([np.zeros((len(residuals), 0)), *(option.columns for option in options)], axis=1)
-    each = [log_evidence(law, state.columns, columns, ends, residuals, rule_deg) for law in laws]
+    each = [log_evidence(law, base, columns, ends, residuals, rule_deg) for law in laws]
 
     def evidence(scatter: float) -> Evidence:
         none, factors = (np.array(part) for part in zip(*(of_law(scatter) for of_law in each), strict=True))
@@ -446,8 +456,8 @@ def log_evidence(
         freedom = max(n - int(retained.sum()), 1) / scatter
         factors = np.empty((len(sizes), residuals.shape[1]))
         for options, values, along in groups:
-            each = [log_bayes_factors(values, along, a, square, freedom) for a in AMPLITUDES]
-            factors[options] = np.logaddexp.reduce(each, axis=0) - np.log(len(AMPLITUDES))
+            each = np.array([log_bayes_factors(values, along, a, square, freedom) for a in AMPLITUDES])
+            factors[options] = log_sum(each) - np.log(len(AMPLITUDES))
         return -0.5 * freedom * np.log(square) - volume, factors
 
     return evidence

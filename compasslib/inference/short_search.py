@@ -167,7 +167,7 @@ class _Search:
         if key not in self.weighed:
             base = self.fit(others)
             options = short_options(base, {term.name for term in others})
-            evidence = weigh(base, options, base.evident[:, None])
+            evidence = weigh(self.comparison, base.columns, options, base.evident[:, None])
             place = self._refit(base, evidence(1.0), 1.0)
             if options and not self.comparison.independent:
                 # Weigh them again, with the scatter that is left once the likeliest effect is fitted.
@@ -194,7 +194,7 @@ class _Search:
                 columns, others = fitted.columns[:, own], np.delete(fitted.columns, own, axis=1)
                 pull = fitted.evident + columns @ fitted.terms[-1].values
                 option = replace(options[k], columns=columns * options[k].usual)
-                self.prepared[beside] = weigh(replace(fitted, columns=others), [option], pull[:, None])
+                self.prepared[beside] = weigh(self.comparison, others, [option], pull[:, None])
             again = self.prepared[beside](scatter)
             factors[:, alike] += (again.none + again.factors[:, 0] - linear.none - factors[:, k])[:, None]
             if form in self.comparison.terms and not fitted.terms[-1].possible:
@@ -233,7 +233,8 @@ def detect(
     if surrogates and evidence.options:
         kinds = (False,) if base.comparison.independent else (False, True)
         residuals = [_draw(base, likeliest, evidence, surrogates, resampled) for resampled in kinds]
-        each = weigh(base, evidence.options, np.concatenate(residuals, axis=1))(scatter).statistic
+        drawn = np.concatenate(residuals, axis=1)
+        each = weigh(base.comparison, base.columns, evidence.options, drawn)(scatter).statistic
         statistics = np.split(each, len(kinds))
     return Detection.by_rank(float(evidence.statistic[0]), statistics)
 

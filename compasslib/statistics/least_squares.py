@@ -111,6 +111,8 @@ def gauss_newton(point: Any, *, rounds: int, close: float, worse: float) -> Any:
         growth = np.inf if then is None else point.misfit(then)
         if then is None or growth > worse:
             step, length = step / 2.0, length / 2.0
+            if length < close:
+                break
             continue
         point = then
         if length < close or abs(growth - 1.0) < MISFIT_TOLERANCE:

@@ -17,7 +17,7 @@ from tests.world import pairs as world
 from tests.world.launch import CONTRACT
 
 HOURS = 4000
-SEARCH = {"surrogates": 99}  # the fewest for a rank of 0.01
+SEARCH = {"surrogates": 39}
 OPTIONS = {"FOUND": SEARCH, "LEFT": SEARCH | {"apply": False}, "OFF": {"enabled": False}}
 
 

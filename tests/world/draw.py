@@ -30,7 +30,7 @@ def write_alone(folder: Path, name: str, wish: Wish, seed: int, wanted: dict[str
     ground = sealed.make(seed, name, wish)
     effects = [plant(ground, effect, wanted_deg)[0] for effect, wanted_deg in wanted.items()]
     raw = sealed.write(ground, effects, cruise / "raw" / name)
-    (cruise / "config/config.yaml").write_text("diagnose: {surrogates: 99}\n")
+    (cruise / "config/config.yaml").write_text("diagnose: {surrogates: 39}\n")
     (cruise / f"config/moorings/{name}.yaml").write_text(yaml.safe_dump(described(ground), sort_keys=False))
     np.save(locked / f"{name}.npy", np.stack([raw.time_s, raw.heading_deg, raw.recorded_deg]))
     return cruise, locked

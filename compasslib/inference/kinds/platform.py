@@ -144,7 +144,7 @@ def _too_large(series_alone: FittedHypothesis, exact: FittedHypothesis, options:
     if angles.rms(apart) < options.min_effect_deg or exact.square >= series.square:
         return []
     option = (Option(LargeDeviation(), block_of(LargeDeviation), apart[:, None], np.ones(1)),)
-    evidence = weigh(series, option, series.evident[:, None])(1.0)
+    evidence = weigh(series.comparison, series.columns, option, series.evident[:, None])(1.0)
     if not short_search.detect(series, exact, evidence, 1.0, options.surrogates).significant:
         return []
     proof = short_search.held_out_gain(series, exact, exact.terms, _heading_error)
