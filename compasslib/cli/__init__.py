@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 from compasslib import __version__
@@ -42,8 +43,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked.options = words[end + 1 :]  # Snakemake's own
     if asked.command == "verify" and asked.yes and not asked.clear:
         parser.error("--yes goes with --clear")
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.default_int_handler)  # handled like Ctrl-C, so that no incomplete file is left
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGALRM):
+        if signal.getsignal(number) != signal.SIG_IGN:  # as nohup has SIGHUP ignored
+            signal.signal(number, _interrupt)  # all like Ctrl-C, so that no incomplete file is left
     sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr]  # for terminals without a degree sign
     try:
         module = import_module(MODULES.get(asked.command, f"compasslib.cli.{asked.command}"))
@@ -86,6 +88,14 @@ def require_folder(cruise: str) -> None:
     """Raise InputError if the folder of a cruise does not exist."""
     if not os.path.isdir(cruise):
         raise InputError(cruise, "a cruise folder", "no such folder", "name the folder of a cruise")
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt; within netCDF4, which can lose an exception that a signal raises, a little later."""
+    if frame is not None and frame.f_code.co_filename.endswith("_netCDF4.pyx"):
+        signal.setitimer(signal.ITIMER_REAL, 0.01)
+    else:
+        raise KeyboardInterrupt
 
 
 def _failed(line: str, status: int = 1) -> int:

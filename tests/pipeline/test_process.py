@@ -1,6 +1,7 @@
 """Would catch values of ``compass correct`` unlike the workflow's, or incomplete results."""
 
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -195,10 +196,14 @@ def test_a_terminated_run_leaves_no_output(tmp_path):
         "fit.fit = lambda *_, **__: time.sleep(600)\nsys.exit(main())"
     )
     command = [sys.executable, "-c", code, "correct", "M1", "--cruise", str(folder)]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    ignored = {"preexec_fn": lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN)}  # as by nohup
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **ignored) as process:
         while not list((folder / "corrected").glob(".*/whole/work/field.json")):
             assert process.poll() is None
             time.sleep(0.01)
+        process.send_signal(signal.SIGHUP)
+        time.sleep(0.1)
+        assert process.poll() is None
         process.terminate()
         assert process.wait() == 130 and "interrupted; no file is left half written" in process.stderr.read()
     assert list((folder / "corrected").iterdir()) == []
