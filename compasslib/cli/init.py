@@ -118,12 +118,16 @@ def _sort(paths: Sequence[Path], name: str | None, contents: Contents) -> None:
     for path in paths:
         kind = detect.detect_kind(path)
         form = kind.form if kind else None
-        if (form != "nortek" and nortek.header_of(path) in paths) or (profiler and path in companions):
+        if (form != "nortek" and nortek.header_of(path) in {*paths} - {path}) or (profiler and path in companions):
             continue  # read together with the header file of its conversion, or with its scans
         recorded = next((each for each in map(path.with_suffix, RECORDINGS) if each in paths), None)
         unpacked = path.with_suffix(".TXT")
         form = "ocean_contour" if form == "netcdf" and is_ocean_contour(path) else form
-        table = tables[path] = detect.guess_columns(path) if form == "table" else None
+        try:
+            table = tables[path] = detect.guess_columns(path) if form == "table" else None
+        except InputError as error:  # a text in an unknown encoding
+            contents.left.append(str(error))
+            continue
         # Named after the folder of its files, unless that has a generic name.
         folders = (path.absolute().parent.name, Path(os.path.abspath(contents.root)).name)
         mooring = name or next((_name(folder) for folder in folders if folder.lower() not in NAMELESS), "M1")
@@ -134,7 +138,7 @@ def _sort(paths: Sequence[Path], name: str | None, contents: Contents) -> None:
         elif form is None:
             contents.left.append(f"{path}: {f'{kind.name}; {kind.advice}' if kind else 'its kind is not known'}")
         elif form == "table" and table is None:
-            advice = "write one in a copy, or add it by hand with columns"
+            advice = "write one in a copy, with a row for each sample and cell, or add it by hand with columns"
             contents.left.append(f"{path}: a table whose header names no known columns; {advice}")
         elif table and table.kind == "pressure":
             companions.append(path)

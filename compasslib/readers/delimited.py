@@ -184,7 +184,9 @@ def read_head(path: Path, needed: Iterable[str | int], layout: Layout = DEFAULT_
     wanted = {name for name in needed if isinstance(name, str)}
     if needed and not wanted and layout.header is None:
         layout = replace(layout, header=0)  # columns by their numbers need no header
-    head = find_head(path, lambda names: wanted <= {*_number_repeated(names)}, layout)
+    head = find_head(
+        path, lambda names: all(_index(name, _number_repeated(names)) is not None for name in wanted), layout
+    )
     assert head is not None  # without ``must`` the first line is the fallback
     return head
 
@@ -217,8 +219,13 @@ def find_head(
     line = lines[at] if at < len(lines) else ""
     delimiter = delimiter or next((each for each in candidates if _parts(line.strip(), each)), " ")
     names = layout.split_header(line, delimiter) if line else []
-    if layout.header == 0:
-        names, at, line = [str(k) for k in range(1, len(names) + 1)], at - 1, ""
+    remarks = list[list[str]]()
+    if layout.header == 0:  # columns by their numbers; names and units may stand in comments, or in a row of words
+        first = at if any(name.startswith(NUMBER_STARTS) for name in names) else at + 1  # row of numbers
+        worded = [layout.split_header(lines[k], delimiter) for k in filled if k < first]
+        named = [cells for cells in worded if len(cells) == len(names)]
+        names, *remarks = named or [[str(k) for k in range(1, len(names) + 1)]]
+        at, line = first - 1, ""
     if delimiter != "," and layout.delimiter is None:
         notes.append(f"cells between {DELIMITERS.get(delimiter)}")
     if layout.header is None and (above := sum(k < at for k in rows)):
@@ -233,8 +240,14 @@ def find_head(
     first = next((k for k in rows if k > at), at)
     marks = " " + (layout.comment or "".join(COMMENT_MARKS))
     below = [lines[k].lstrip(marks).rstrip(" \r") for k in filled if at < k < first]
-    remarks = [split_line(line, delimiter) for line in below]
+    remarks += [split_line(line, delimiter) for line in below]
     return Head(source, names, at + 1, begin, delimiter, tuple(notes), line, clock, ended, sample, remarks)
+
+
+def _index(header: str | int, names: Sequence[str]) -> int | None:
+    """Find a name among headers, the first of which may be given with the mark of the comment that it stands in."""
+    bare = str(header).lstrip(" ".join(COMMENT_MARKS))
+    return next((k for k, name in enumerate(names) if name == header or (k == 0 and name == bare)), None)
 
 
 def _number_repeated(names: Sequence[str]) -> list[str]:
@@ -287,8 +300,8 @@ def _place(path: Path, head: Head, role: str, header: str | int, advice: str) ->
     """Find the index of a column."""
     if isinstance(header, int) and 0 < header <= len(head.names):
         return header - 1
-    if header in head.names:
-        return head.names.index(header)
+    if (at := _index(header, head.names)) is not None:
+        return at
     if head.names and all(name[:1] in NUMBER_STARTS for name in head.names):
         advice = "a file without a header has its columns by numbers, 1 for the first: columns: {time: 1, ...}"
     if isinstance(header, int):

@@ -45,8 +45,9 @@ class Kind:
 EMPTY = Kind("an empty file", None, rb"\Z", AGAIN)
 ZEROS = Kind("a file of nothing but zeros", None, rb"\0+\Z", AGAIN)
 PD0 = Kind("an RDI PD0 file", "pd0", rb"\x7f\x7f..\0")
+IOS_TIMES = "; where no column is a time, add one in a copy: START TIME plus TIME INCREMENT a row (PST: '-08:00')"
 BELOW = (  # tables below a header
-    Kind("an IOS shell file", None, rb"(?:\*[^\n]*\n){1,3}?\*IOS HEADER", SKIP.format("*END OF HEADER", "")),
+    Kind("an IOS shell file", None, rb"(?:\*[^\n]*\n){1,3}?\*IOS HEADER", SKIP.format("*END OF HEADER", IOS_TIMES)),
     Kind("an ODF file", None, rb"\s*ODF_HEADER\s*,", SKIP.format("-- DATA --", " (a time is two: date: 1, clock: 2)")),
 )
 KINDS = (
@@ -109,7 +110,7 @@ KINDS = (
         rb"(?:[^\n]*\n)?[^\n]{0,80}?(?<![\w.:])(?=\d*[A-Fa-f])[\dA-Fa-f]{40}",
         "turn the digits into bytes (xxd -r -p)",
     ),
-    Kind("a header file of Nortek's conversion", "nortek", rb"\[[^\]\n]*\.(?:aqd|prf|wpr|vec|hdr)\]\s"),
+    Kind("a header file of Nortek's conversion", "nortek", rb"(?i)\[[^\]\n]*\.(?:aqd|prf|wpr|vec|hdr)\]\s"),
 )
 TABLE = Kind("a text table", "table")
 PROSE = Kind("a text without columns", None, advice=EXPORT)

@@ -1,8 +1,8 @@
 """Read bytes and text of raw files, limit their memory use and share of damage, and undo a modem's frames.
 
-Text may be compressed by gzip, and encoded in UTF-8, UTF-16 or Latin-1. A controller of inductive modems escapes 2B as
-18 6B and 18 as 18 58, in frames of a header (SOH, instrument, length, time, block, checksum, STX), data and ETX. This
-was inferred from genuine files: in four of them every 18 belongs to an escape, and no 2B remains; in nine others,
+Text may be compressed by gzip, and encoded in UTF-8, UTF-16 or Windows-1252. A controller of inductive modems escapes
+2B as 18 6B and 18 as 18 58, in frames of a header (SOH, instrument, length, time, block, checksum, STX), data and ETX.
+This was inferred from genuine files: in four of them every 18 belongs to an escape, and no 2B remains; in nine others,
 directly from instruments, at most 2 in 100 of these bytes look like escapes.
 """
 
@@ -31,7 +31,8 @@ DAMAGE_ERRORS = (
 )
 GZIP_MAGIC = b"\x1f\x8b"
 _TEXT = bytes([*range(9, 14), *range(32, 127)])
-LATIN_TEXT = _TEXT + bytes([*range(0xA0, 0xFF)])  # without control characters and FF, a fill byte
+# Windows-1252, which holds Latin-1, without control characters and FF, a fill byte.
+LATIN_TEXT = _TEXT + bytes(sorted({*range(0x80, 0xFF)} - {0x81, 0x8D, 0x8F, 0x90, 0x9D}))
 
 MISSING_COUNT = np.iinfo(np.int16).min  # missing value of RDI and Nortek
 NORTEK_START = 0xB58C  # initial value of Nortek's checksum, to which 16-bit words are added
@@ -114,9 +115,9 @@ def read_text(path: Path) -> tuple[bytes, list[str], bool]:
             data = data.decode("utf-8-sig").encode()
     except UnicodeError as error:
         if wide or data.translate(None, LATIN_TEXT):
-            expected, advice = "a readable CSV file in UTF-8, UTF-16 or Latin-1", "check path and format"
+            expected, advice = "a text in UTF-8, UTF-16 or Windows-1252", "save it as UTF-8, or check path and format"
             raise InputError(str(path), expected=expected, found=error, advice=advice) from None
-        data, notes = data.decode("latin-1").encode(), ["in Latin-1"]
+        data, notes = data.decode("cp1252").encode(), ["in Windows-1252"]
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     ended = data.endswith(b"\n")

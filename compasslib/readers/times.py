@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from compasslib.errors import InputError
 from compasslib.readers.cells import ZERO, Column, parse_numbers
 from compasslib.types import DAY_S, HOUR_S, Bools, Floats
 
@@ -283,11 +284,12 @@ def new_year(year: Floats) -> Floats:
 
 
 def parse_zone(zone: str | None) -> float:
-    """Parse UTC or an offset such as +02:00 as seconds ahead of UTC."""
+    """Parse UTC or an offset such as +02:00 as seconds ahead of UTC; InputError if it is neither."""
     if zone in (None, "UTC"):
         return 0.0
-    digits = str(zone)[1:].replace(":", "").ljust(4, "0")
-    return (60 * int(digits[:2]) + int(digits[2:])) * (-60.0 if str(zone)[0] == "-" else 60.0)
+    if not (parts := re.fullmatch(r"([+-])(\d\d):?(\d\d)", str(zone))):
+        raise InputError("timezone", "UTC, or an offset such as +02:00", repr(zone), "give the offset from UTC")
+    return (60 * int(parts[2]) + int(parts[3])) * (-60.0 if parts[1] == "-" else 60.0)
 
 
 def parse_origin(text: str, calendar: str) -> float:

@@ -156,9 +156,11 @@ def test_file_pieces_are_joined_and_unknown_files_skipped(tmp_path, capsys):
     (made / "raw/M1/top.000").write_bytes(whole[:half])
     (made / "raw/M1/top.001").write_bytes(whole[half:])
     (made / "raw/M1/photo.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(100))
+    (made / "raw/M1/log.csv").write_bytes(b"a,b\n" + b"1,2\n" * 50 + b"\x81\n")  # in no encoding that is known
     assert main(["init", str(made / "raw"), "--into", str(tmp_path / "new"), *PLACE]) == 0
     assert draft(tmp_path / "new", "M1")["instruments"]["top"]["files"] == ["raw/M1/top.000", "raw/M1/top.001"]
-    assert "photo.png: an image" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "photo.png: an image" in said and "log.csv: expected a text in UTF-8" in said
 
 
 def test_bench_table_is_drafted_as_a_calibration(tmp_path, capsys):

@@ -38,6 +38,7 @@ WRITTEN = [
         "an IOS shell file; write format: table",
     ),
     (b"ODF_HEADER,\n FILE_SPECIFICATION='x',\n" * 9, "an ODF file; write format: table, skip_rows"),
+    (b"[C:\\1121AQ04.PRF]\r\nNumber of measurements 9580\r\n" * 9, "a header file of Nortek's conversion"),
     (b"\0" * 5000, "a file of nothing but zeros"),
     (b"version https://git-lfs.github.com/spec/v1\noid sha256:edfd\nsize 162027\n", "a pointer of Git LFS"),
     (b"../../.git/annex/objects/k8/XX/SHA256E-s1.000\n", "a pointer of Git LFS or git-annex"),

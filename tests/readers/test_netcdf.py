@@ -306,6 +306,9 @@ def test_unreadable_files_are_refused_with_advice(tmp_path):
         nc.renameVariable("time2", "other")
         nc["other"].units = "1"
     assert "time2" in refused(path)
+    with layout(tmp_path, "epic") as nc:
+        nc["time"][:] = nc["time"][:] - 2440000  # days since another date, as ADCPy's demonstration has them
+    assert "time: expected times of 1950 to 2100, found the year -4673; name another variable" in refused(path)
 
 
 def test_absolute_imos_pressure_and_orientation_of_the_metadata(tmp_path):

@@ -78,8 +78,8 @@ AT, WORD = "2007-09-04T09:00:00Z,100.5,", "a number or nothing"
         *((f"{ROWS}{time},100.5,1,2\n", "line 7, t: expected an ISO time")
           for time in ("2007-09", "", "2007-09-04T09:00:00+2", "2007-02-30")),
         (f"{ROWS}\0\0\0\n", "line 7, t: expected an ISO time"),
-        (ROWS.encode() + b"\xff" * 100, "expected a readable CSV file in UTF-8"),
-        (b"\xff\xfe\x00\x01", "expected a readable CSV file"),
+        (ROWS.encode() + b"\xff" * 100, "expected a text in UTF-8"),
+        (b"\xff\xfe\x00\x01", "expected a text in UTF-8"),
         ("t,z,u,v\n2007-09-04T00:00Z,1," + "x" * 131_000 + ",2\n", "x ... (131002 characters); mend"),
     ],
 )  # fmt: skip
@@ -144,6 +144,31 @@ def test_fill_values_of_nines_are_missing(tmp_path, filler):
 def test_fill_value_of_one_row_is_missing(tmp_path):
     record = table(tmp_path, f"{ROWS}2007-09-05T01:00:00Z,100.5,-999.9,-999.9\n")
     assert record.counts["fillers"] == 1 and np.isnan(record.east[5:]).all() and np.isfinite(record.east[:5]).all()
+
+
+HOURS = "2007 09 04 00 90 20\n2007 09 04 01 90 30\n"
+FLOW = {"speed": 6, "direction": 5}
+
+
+@pytest.mark.parametrize(
+    ("above", "time"),
+    [
+        ("#YY MM DD hh DIR SPD\n#yr mo dy hr degT cm/s\n", ["#YY", "MM", "DD", "hh"]),  # as NDBC writes
+        ("#YY MM DD hh DIR SPD\n#yr mo dy hr degT cm/s\n", [1, 2, 3, 4]),
+        ("% of a mooring, in no units\n# yr mo dy hr degT cm/s\n", [1, 2, 3, 4]),
+        ("yr mo dy hr degT cm/s\n", [1, 2, 3, 4]),
+    ],
+)
+def test_units_above_columns_that_are_named_by_number_count(tmp_path, above, time):
+    record = table(tmp_path, above + HOURS, {"time": time} | FLOW)
+    assert record.east[:, 0] == pytest.approx([0.2, 0.3]) and record.direction_reference == "true"
+    assert list(record.time_s) == [BEGIN_S, BEGIN_S + 3600.0]
+
+
+def test_zone_that_is_no_offset_is_refused(tmp_path):
+    for zone in ("MET", "+1", "-8"):
+        with pytest.raises(InputError, match="timezone: expected UTC, or an offset"):
+            table(tmp_path, "t,u,v\n2007-09-04,1,2\n", PLAIN, timezone=zone)
 
 
 def test_time_of_day_in_a_column_of_numbers_is_refused_with_advice(tmp_path):

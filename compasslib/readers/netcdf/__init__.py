@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from compasslib import angles, compass
 from compasslib.earthfield import parse_applied_declination
 from compasslib.errors import InputError
-from compasslib.readers import nortek, vocabulary
+from compasslib.readers import nortek, times, vocabulary
 from compasslib.readers.files import DAMAGE_ERRORS
 from compasslib.readers.netcdf import attributes, variables
 from compasslib.readers.netcdf.variables import File, Variable, find, values
 from compasslib.readers.pd0.currents import true_pitch
 from compasslib.readers.vocabulary import SPEED
 from compasslib.records import DEEPEST_M, GOOD, PROBABLY_BAD, Flags, Record, join_records, new_record
-from compasslib.types import Floats
+from compasslib.types import DAY_S, Floats
 
 ATMOSPHERE_DBAR = 10.1325  # IMOS' PRES is absolute pressure
 SIGNED = ("HEIGHT_ABOVE_SENSOR",)  # ranges that are positive upward
@@ -121,6 +121,12 @@ def _open(path: Path, nc: Any, stated: Mapping[str, Any], settings: Mapping[str,
             shown = f"{count} in one, by {variable.name}"
             raise file.refuse(file.time, "the series of one instrument", shown, SPLIT_ADVICE)
     time_s, flags = variables.read_times(file, time), attributes.read_flags(file, time)
+    known = time_s[np.isfinite(time_s)]
+    year = 1970.0 + float(np.median(known)) / (365.2425 * DAY_S) if known.size else 1970.0
+    if not times.YEARS[0] <= year < times.YEARS[1]:
+        expected, shown = f"times of {times.YEARS[0]} to {times.YEARS[1] - 1}", f"the year {year:.0f}"
+        other = "name another variable in the mooring file: columns: {time: NAME}"
+        raise file.refuse(time.name, expected, shown, other)
     bad = np.full(len(time_s), GOOD) if flags is None else np.where(flags < PROBABLY_BAD, GOOD, flags)
     return file, time_s, bad.astype(np.int8)
 
