@@ -102,6 +102,12 @@ KINDS = (
         rb"version https://git-lfs\.|(?:\.\.?)?/\S*annex/objects/",
         "fetch the file itself (git lfs pull, or git annex get)",
     ),
+    Kind(
+        "ensembles of RDI's PD15, as satellites relay them",
+        None,
+        rb".{0,80}?_w[~\x7f]",
+        "give the recording of the instrument; or join the low six bits of the characters from _w on to a PD0 file",
+    ),
     *BELOW,
     Kind("an ODV spreadsheet", "odv", rb"(?://[^\n]*\n)*Cruise[\t;]Station[\t;]"),
     Kind(

@@ -55,6 +55,9 @@ def read(
             ``scale`` or ``direction_reference``.
     """
     headers = {role: column for role, column in columns.items() if role != "scale" and column is not None}
+    if not {"time", "date"} & headers.keys():
+        shown, advice = ", ".join(headers), "write for example time: time_utc"
+        raise InputError("columns", "the column of the time, or those of date and clock", shown, advice)
     known, form = vocabulary.parse_flag_settings(flags), Layout.from_settings(layout)
     tables = [read_table(path, headers, COLUMN_MAP, form, known) for path in paths]
     return to_record(paths, tables, columns.get("scale"), direction_reference)

@@ -165,7 +165,9 @@ def test_units_above_columns_that_are_named_by_number_count(tmp_path, above, tim
     assert list(record.time_s) == [BEGIN_S, BEGIN_S + 3600.0]
 
 
-def test_zone_that_is_no_offset_is_refused(tmp_path):
+def test_zone_that_is_no_offset_and_columns_without_time_are_refused(tmp_path):
+    with pytest.raises(InputError, match="columns: expected the column of the time, or those of date and clock"):
+        table(tmp_path, "u,v\n1,2\n", {"east": "u", "north": "v"})
     for zone in ("MET", "+1", "-8"):
         with pytest.raises(InputError, match="timezone: expected UTC, or an offset"):
             table(tmp_path, "t,u,v\n2007-09-04,1,2\n", PLAIN, timezone=zone)
