@@ -146,7 +146,7 @@ class HeldOut:
     gain: float  #: in log score, summed over all held-out samples
     gain_interval: tuple[float, float]  #: 95 % interval, from resampled blocks
     p_value: float  #: share of bootstrap draws whose gain is not positive
-    method: str | None = None  #: fifths | within_event, how days were held out
+    method: str | None = None  #: fifths | interleaved, how days were held out
     anew: Interval | None = None  #: gain if effect, driver and date, not only sizes, are selected without these days
     amplitude: Amplitude | None = None  #: size of the effect on held-out days; None if it was not estimated
     slope: Interval | None = None  #: held-out over predicted amplitude; None if the prediction is too uncertain
