@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from compasslib import compass
-from compasslib.deviation.exact import MAX_SOFT_IRON, correct_roots, fit_exact
+from compasslib.deviation.exact import correct_roots, fit_exact
 from compasslib.deviation.model import DeviationFit
 from compasslib.deviation.series import fit_series
 from compasslib.records import BAD, Pairs, Record
@@ -69,15 +69,14 @@ def find_implausibility(fit: DeviationFit, record: Record) -> str:
     If components of the reference were exchanged or wrongly signed, the fit has excessive soft iron, or cannot have
     recorded a quarter of the headings within five noises of the compass; outliers are fewer.
     """
-    if fit.fitted and fit.method == "exact":
-        soft = fit.coefficients[3:5]
-        size = float(np.hypot(*soft))
-        sigma = float(np.sqrt(soft @ fit.covariance[3:5, 3:5] @ soft)) / max(size, 1e-12)
-        if size - 2.0 * sigma >= MAX_SOFT_IRON:
-            return (
-                f"the fit needs soft iron of {size:.0%} of the earth's field, more than any instrument has, so that "
-                "all headings are flagged doubtful; check columns, signs and directions of both instruments"
-            )
+    if fit.mistake:
+        return f"{fit.mistake}; all headings are flagged doubtful until the file or the configuration is corrected"
+    if fit.has_implausible_iron:
+        return (
+            f"the fit needs soft iron of {np.hypot(*fit.coefficients[3:5]):.0%} of the earth's field, more than any "
+            "instrument has, so that all headings are flagged doubtful; check columns, signs and directions of both "
+            "instruments"
+        )
     usable = np.isfinite(record.heading_deg) & (record.heading_quality < BAD)
     recorded = record.heading_deg[usable]
     if not (fit.fitted and recorded.size) or fit.method == "von_appen":

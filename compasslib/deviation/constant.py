@@ -136,6 +136,8 @@ def _measured(fit: DeviationFit, pairs: Pairs) -> tuple[float, float] | None:
     """Estimate the constant and its standard error, degrees; of a calibration it is the pairs' mean residual."""
     if not fit.fitted or (fit.method == "von_appen" and fit.folded):  # the series' constant has no meaning then
         return None
+    if fit.mistake:  # nor has that of a wrong fit
+        return None
     if fit.known_beforehand:
         residual = heading_residual(fit, pairs)
         known = np.isfinite(residual)

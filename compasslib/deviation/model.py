@@ -20,6 +20,7 @@ from compasslib.statistics.resampling import NORMAL_95
 from compasslib.types import Floats
 
 MIN_PAIRS = 30
+MAX_SOFT_IRON = 0.3  # magnitude of (D, E); spheres and frames induce a few per cent
 LETTERS = "ABCDE"
 UNKNOWN_COVARIANCE = (
     "the coefficients were given without their covariance, so that the uncertainty of all headings is unknown and they "
@@ -80,11 +81,12 @@ class DeviationFit:
     prior: CoefficientPrior | None = None  #: prior from other records of the same compass
     reference: ReferenceErrors | None = None  #: errors of the reference; None if not considered, or none was used
     iron_declared: bool = False  #: whether the owner declares a sphere or the distance of its iron
+    mistake: str = ""  #: mistake in the directions of an instrument that makes the fit wrong; empty without one
 
     def to_json(self) -> dict[str, Any]:
         """Convert to the content of deviation.json; some values are left out where they are the usual ones."""
-        usual = {"fixed": False, "iron_declared": False, "covariance_known": True, "prior": None}
-        stated = {name: value for name, value in vars(self).items() if name not in usual or value is not usual[name]}
+        usual = {"fixed": False, "iron_declared": False, "covariance_known": True, "prior": None, "mistake": ""}
+        stated = {name: value for name, value in vars(self).items() if name not in usual or value != usual[name]}
         parts = {
             name: part and listed(part) for name, part in stated.items() if name in ("noise", "prior", "reference")
         }
@@ -98,6 +100,16 @@ class DeviationFit:
     def fitted(self) -> bool:
         """Whether there are coefficients to correct with."""
         return self.coefficients.size > 0
+
+    @property
+    def has_implausible_iron(self) -> bool:
+        """Whether the soft iron (D, E) of an exact fit exceeds that of any instrument by twice its standard error."""
+        if self.method != "exact" or not self.fitted:
+            return False
+        soft = self.coefficients[3:5]
+        size = float(np.hypot(*soft))
+        sigma = float(np.sqrt(soft @ self.covariance[3:5, 3:5] @ soft)) / max(size, 1e-12)
+        return size - 2.0 * sigma >= MAX_SOFT_IRON
 
     @property
     def known_beforehand(self) -> bool:

@@ -11,6 +11,7 @@ from compasslib.archive import netcdf, provenance
 from compasslib.archive.files import read_json, write_json
 from compasslib.calibrations import at_mooring, result
 from compasslib.deviation import describe_fit, deviation_json, fit_deviation
+from compasslib.deviation.exact import recognize_frame
 from compasslib.deviation.model import IRON_NT, SPHERE_NT, weak_field_warnings
 from compasslib.preparation.references import combine_references
 from compasslib.stages import Files, Say, Settings
@@ -32,7 +33,7 @@ def fit(mooring: str, files: Files, say: Say, *, method: str, given: Settings | 
         made = at_mooring.compass_from_coefficients(**given, record=upper, pairs=near)
         origin = {"calibration": {"name": "of the mooring's file", "kind": method}}
     warnings = (*made.warnings, *weak_field_warnings(there.horizontal_nT))
-    made = replace(made, warnings=warnings, iron_declared=sphere)
+    made = replace(made, warnings=warnings, iron_declared=sphere, mistake=recognize_frame(near, made))
     write_json(files.fit, deviation_json(made, upper) | origin)
     say(describe_fit(mooring, made))
 
