@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.effects.composed import play
+from compasslib.effects.composed import compose_effect, play
 from compasslib.effects.effect import DAY_S, USUAL_DEG, YEAR_S
 from compasslib.inference import covariates
 from compasslib.inference.comparison import TIDE_RESOLVING_STEP_S, LongComparison, tide_waves
@@ -235,6 +235,9 @@ def current_columns(comparison: LongComparison) -> dict[str, Floats]:
             # The current at a speed differs while it rises and while it falls, as in real water (eh2).
             lagged = [play(x, width * float(np.std(x))) for width in PLAYS]
             columns[name] += [USUAL_DEG * covariates.standardize(each)[:, None] for each in lagged if np.std(each)]
+            if name == "depth" and np.std(x):  # eddies that press a mooring down for days have shears of their own
+                history = compose_effect("reading", name, "bands")().evaluate(comparison.scene, comparison.recorded_deg)
+                columns[name].append(USUAL_DEG * history / float(np.std(x)))
     leans = [comparison.scene.departures[name] for name in ("pitch", "roll") if name in comparison.covariates]
     usual_deg = LEAN_SHARE * float(np.median(comparison.expected_deg))
     columns["tilt"] = [usual_deg * covariates.standardize(lean)[:, None] for lean in leans if np.std(lean)]
