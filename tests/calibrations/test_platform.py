@@ -59,7 +59,7 @@ def test_columns_can_be_renamed_and_incomplete_lines_are_counted(tmp_path):
         ("reference_deg,recorded_deg\n1,x\n", {}, "line 2, recorded_deg: expected a number or nothing, found 'x'"),
         ("reference_deg,recorded_deg\n1,35999\n", {}, "recorded_deg: expected numbers from -720 to 720"),
         ("reference_deg,recorded_deg\n", {"withhold": ["recorded_deg"]}, "withhold: expected columns that the cal"),
-        (b"\xff\xfe\x00", {}, "expected a readable CSV file in UTF-8"),
+        (b"\xff\xfe\x00", {}, "expected a text in UTF-8"),
     ],
     ids=["columns", "empty", "text", "unit", "needed withheld", "bytes"],
 )  # fmt: skip
