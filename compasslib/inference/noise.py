@@ -235,7 +235,7 @@ def current_columns(comparison: LongComparison) -> dict[str, Floats]:
             # The current at a speed differs while it rises and while it falls, as in real water (eh2).
             lagged = [play(x, width * float(np.std(x))) for width in PLAYS]
             columns[name] += [USUAL_DEG * covariates.standardize(each)[:, None] for each in lagged if np.std(each)]
-            if name == "depth" and np.std(x):  # eddies that press a mooring down for days have shears of their own
+            if name == "depth" and np.std(x):  # three moorings without a fault of the sealed proof followed its history
                 history = compose_effect("reading", name, "bands")().evaluate(comparison.scene, comparison.recorded_deg)
                 columns[name].append(USUAL_DEG * history / float(np.std(x)))
     leans = [comparison.scene.departures[name] for name in ("pitch", "roll") if name in comparison.covariates]

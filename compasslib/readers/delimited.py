@@ -184,9 +184,12 @@ def read_head(path: Path, needed: Iterable[str | int], layout: Layout = DEFAULT_
     wanted = {name for name in needed if isinstance(name, str)}
     if needed and not wanted and layout.header is None:
         layout = replace(layout, header=0)  # columns by their numbers need no header
-    head = find_head(
-        path, lambda names: all(_index(name, _number_repeated(names)) is not None for name in wanted), layout
-    )
+
+    def has_all(names: Sequence[str]) -> bool:
+        numbered = _number_repeated(names)
+        return all(_index(name, numbered) is not None for name in wanted)
+
+    head = find_head(path, has_all, layout)
     assert head is not None  # without ``must`` the first line is the fallback
     return head
 
@@ -245,7 +248,7 @@ def find_head(
 
 
 def _index(header: str | int, names: Sequence[str]) -> int | None:
-    """Find a name among headers, the first of which may be given with the mark of the comment that it stands in."""
+    """Find the position of a header; the first may be given with the comment mark before it, as #YY."""
     bare = str(header).lstrip(" ".join(COMMENT_MARKS))
     return next((k for k, name in enumerate(names) if name == header or (k == 0 and name == bare)), None)
 

@@ -45,7 +45,9 @@ class Kind:
 EMPTY = Kind("an empty file", None, rb"\Z", AGAIN)
 ZEROS = Kind("a file of nothing but zeros", None, rb"\0+\Z", AGAIN)
 PD0 = Kind("an RDI PD0 file", "pd0", rb"\x7f\x7f..\0")
-IOS_TIMES = "; where no column is a time, add one in a copy: START TIME plus TIME INCREMENT a row (PST: '-08:00')"
+IOS_TIMES = (
+    "; without a column of times, add one in a copy: START TIME plus TIME INCREMENT a row (PST: timezone: '-08:00')"
+)
 BELOW = (  # tables below a header
     Kind("an IOS shell file", None, rb"(?:\*[^\n]*\n){1,3}?\*IOS HEADER", SKIP.format("*END OF HEADER", IOS_TIMES)),
     Kind("an ODF file", None, rb"\s*ODF_HEADER\s*,", SKIP.format("-- DATA --", " (a time is two: date: 1, clock: 2)")),
@@ -103,10 +105,10 @@ KINDS = (
         "fetch the file itself (git lfs pull, or git annex get)",
     ),
     Kind(
-        "ensembles of RDI's PD15, as satellites relay them",
+        "RDI PD15 ensembles, as relayed by satellite",
         None,
         rb".{0,80}?_w[~\x7f]",
-        "give the recording of the instrument; or join the low six bits of the characters from _w on to a PD0 file",
+        "give the recording of the instrument; or join the low six bits of each character, from _w on, to a PD0 file",
     ),
     *BELOW,
     Kind("an ODV spreadsheet", "odv", rb"(?://[^\n]*\n)*Cruise[\t;]Station[\t;]"),

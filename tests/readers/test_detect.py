@@ -39,7 +39,7 @@ WRITTEN = [
     ),
     (b"ODF_HEADER,\n FILE_SPECIFICATION='x',\n" * 9, "an ODF file; write format: table, skip_rows"),
     (b"[C:\\1121AQ04.PRF]\r\nNumber of measurements 9580\r\n" * 9, "a header file of Nortek's conversion"),
-    (b"1407E0CA25148133715G38-0NN003EN101550 \r\n\r\n_w~@A@@FD`AM@Hx@" * 9, "ensembles of RDI's PD15"),
+    (b"1407E0CA25148133715G38-0NN003EN101550 \r\n\r\n_w~@A@@FD`AM@Hx@" * 9, "RDI PD15 ensembles"),
     (b"\0" * 5000, "a file of nothing but zeros"),
     (b"version https://git-lfs.github.com/spec/v1\noid sha256:edfd\nsize 162027\n", "a pointer of Git LFS"),
     (b"../../.git/annex/objects/k8/XX/SHA256E-s1.000\n", "a pointer of Git LFS or git-annex"),
