@@ -16,7 +16,8 @@ DEFINITIONS = (
     "No fault: nothing is wrong with the compass; its current may be named. Listed effects stand in the catalogue, "
     "unlisted ones do not. Visible size: rms of what remains of an effect after five coefficients are fitted to the "
     "true headings. Score: 1 for the diagnosis of a tool that knows the truth, 1/n for a correct name in a set of n, 0 "
-    "for what is wrong or refused; a composed effect counts as the listed one with the same action and driver. Fit: "
+    "for what is wrong or refused; a composed effect counts as the listed one with the same action and driver. Every reference "
+    "deviates: where this was not planted, naming `reference_deviation` is neither right nor wrong. Fit: "
     "the configured fit alone, on the correct branch. Product: corrected.nc. Published: von Appen's series on the same "
     "pairs, where it gives a heading. Five: five coefficients fitted to the true headings. Oracle: the same with every "
     "effect known, so that the noise of the compass remains. Sampled: the configured fit, repeated on pairs from which "
@@ -99,7 +100,7 @@ def _tables(made: dict[str, Any]) -> dict[str, Table]:
 
 def _mooring(row: dict[str, Any]) -> list[str]:
     planted = ", ".join(f"{n} {v:.1f}°" for n, v in zip(row["truth"], row["visible_deg"], strict=True)) or "–"
-    named = "; ".join(" or ".join(one) for one in row["sets"]) or "–"
+    named = "; ".join(" or ".join(one) for one in row["reported"]) or "–"
     left = "–" if row["unexplained"] is None else f"{row['unexplained'][1]:.1f}° {row['unexplained'][0]}"
     errors = ", ".join(_text(row[key]) for key in ("before_deg", "after_deg", "sampled_deg", "oracle_deg"))
     kind = f"{row['kind']}, {'wide' if row['wide'] else 'narrow'}"

@@ -40,12 +40,22 @@ def sets(diagnosis: dict[str, Any]) -> list[list[str]]:
     return [[first(one), *one["alternatives"]] for one in diagnosis["findings"]]
 
 
+def scorable(truth: dict[str, Any], diagnosis: dict[str, Any]) -> list[dict[str, Any]]:
+    """List the findings that are right or wrong.
+
+    Every reference is drawn with iron of its own, or is a real instrument: `reference_deviation` is neither right nor
+    wrong unless it was planted.
+    """
+    planted = truth["kind"] == "reference" or any("reference_deviation" in one["right"] for one in truth["effects"])
+    return [one for one in diagnosis["findings"] if planted or one["effect"] != "reference_deviation"]
+
+
 def named_sets(truth: dict[str, Any], diagnosis: dict[str, Any]) -> list[list[str]]:
-    """List the names of each finding, with a statement on the current as a right name if such an effect was planted.
+    """List the names of each scorable finding, and a right name where a planted effect on the current is stated.
 
     Real currents at two depths always differ: if no such effect was planted, the statement is neither right nor wrong.
     """
-    found = sets(diagnosis)
+    found = sets({"findings": scorable(truth, diagnosis)})
     planted = [name for one in truth["effects"] for name in one["right"] if name in CURRENT]
     return [*found, planted[:1]] if planted and diagnosis.get("current") else found
 
@@ -133,7 +143,8 @@ def row(name: str, truth: dict[str, Any], diagnosis: dict[str, Any], heads: dict
         "right": [one["right"] for one in truth["effects"]],
         "visible_deg": [round(one["visible_deg"], 2) for one in truth["effects"]],
         "verdict": diagnosis["verdict"],
-        "sets": sets(diagnosis),
+        "reported": sets(diagnosis),
+        "sets": sets({"findings": scorable(truth, diagnosis)}),
         "sides": diagnosis.get("sides", {}),
         "found_sides": [one.get("side", "compass") for one in diagnosis["findings"]],
         "unexplained": None if left is None else [left["where"]["text"], round(left["rms_effect_deg"], 2)],
@@ -141,7 +152,7 @@ def row(name: str, truth: dict[str, Any], diagnosis: dict[str, Any], heads: dict
         "points": points(truth, diagnosis),
         "of_compass": at_fault(truth, diagnosis),
         "of_names": names(truth, diagnosis),
-        "stated": [statement(one, truth) for one in diagnosis["findings"]],
+        "stated": [statement(one, truth) for one in scorable(truth, diagnosis)],
         "current": [one["level"] for one in diagnosis.get("current", [])],
         "limits_deg": [limit_deg(one, diagnosis) for one in truth["effects"]],
         "five_deg": truth["five_deg"],
@@ -172,7 +183,7 @@ def names(truth: dict[str, Any], diagnosis: dict[str, Any]) -> list[list[float]]
     Without a fault of the compass, names of the water are right; the right names of one set are counted together.
     """
     given = []
-    for one in diagnosis["findings"]:
+    for one in scorable(truth, diagnosis):
         stated = {first(one): one.get("probability", 1.0)} | one.get("alternatives_probability", {})
         held = {name: _true(name, one, truth) for name in stated}
         together = [p for name, p in stated.items() if held[name]]

@@ -24,7 +24,7 @@ from compasslib.types import DAY_S, Floats
 
 Priors = tuple[model.CoefficientPrior, ...]  # of A..E and log(compass noise / degree)
 
-STRENGTHS = (0.0, 0.3, 0.6, 0.85, 1.1, 1.35, 1.7, 2.2, 3.3)  # hard iron over the earth's horizontal field, as of EG4
+STRENGTHS = (0.3, 0.6, 0.85, 1.1, 1.35, 1.7, 2.2, 3.3)  # hard iron over the earth's horizontal field, as of EG4
 # Directions of the iron, from the mean reading: near strong iron a compass reads within some 20 degrees of it. From
 # starts at fixed directions, 4 of 8 windows of EG4's year ended at a wrong compass.
 DIRECTIONS_DEG = np.append(np.arange(0.0, 360.0, 22.5), (-10.0, 10.0))
@@ -200,10 +200,10 @@ def _start(overlap: Overlap, form: CurveForm, priors: Priors = WEAK) -> Optimize
     prior = smooth_density(np.histogram(few.observed_deg, bins=CELLS, range=(0.0, 360.0))[0].astype(float))
     data = few.sample(START_NOISE, likelihood.COARSE, form)
     centred = DIRECTIONS_DEG - angles.mean(few.recorded_deg)
-    irons = [angles.components(strength, towards) for strength in STRENGTHS for towards in centred]
+    irons = [(0.0, 0.0), *(angles.components(strength, towards) for strength in STRENGTHS for towards in centred)]
     starts = [np.array([0.0, float(b), float(c), 0.0, 0.0, np.log(6.0)]) for c, b in irons]
     values = [-likelihood.log_likelihood(start, data, prior, likelihood.COARSE) for start in starts]
-    states = [OptimizerState(starts[i], START_NOISE, prior) for i in np.argsort(values)[:5]]
+    states = [OptimizerState(starts[i], START_NOISE, prior) for i in np.argsort(values)[:3]]
     states = [_improve(state, few, likelihood.COARSE, form, HARD_IRON_FIRST) for state in states]
     states = sorted(states, key=lambda state: state.loss)[:2]
     for _ in range(ROUNDS):  # too wide a scatter blurs a fold, and a wrong compass fits as well: it is refitted first

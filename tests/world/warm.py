@@ -4,6 +4,7 @@ Starting Python, Snakemake and the library takes longer than a small run itself.
 command, Snakemake on the project's Snakefile, and the scripts of its jobs, each in a process of its own.
 """
 
+import gc
 import json
 import os
 import runpy
@@ -27,6 +28,7 @@ def serve() -> None:
     """Run commands read as lines of JSON and print their exit status."""
     for stage in Path(compasslib.stages.__file__).parent.glob("[a-z]*.py"):
         import_module(f"compasslib.stages.{stage.stem}")
+    gc.freeze()  # else a collection in a fork copies the pages of all modules
     for line in sys.stdin:
         asked = json.loads(line)
         print(_forked(lambda asked=asked: _compass(**asked)), flush=True)
