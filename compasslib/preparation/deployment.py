@@ -29,6 +29,7 @@ def apply_deployment(
     water_depth: float,
     latitude: float,
     nominal_depth: float | None,
+    depth_named: bool = False,
     direction_reference: str = "magnetic",
     pressure_offset: float = 0.0,
     clock_offset_seconds: float = 0.0,
@@ -43,6 +44,7 @@ def apply_deployment(
 
     Args:
         nominal_depth: depth of the transducer by the metadata, metres.
+        depth_named: whether the metadata name a column of depths, which counts even if it is constant.
         direction_reference: ``magnetic`` or ``true``, what the export's directions refer to.
         clock_offset_seconds: instrument clock minus UTC at start.
         declination_applied: degrees, contained in all directions of the export or in ``heading`` and ``velocity``.
@@ -67,7 +69,7 @@ def apply_deployment(
         east, north = angles.turn(east, north, -inside.velocity)
     if inside.heading:
         heading = np.where(np.isfinite(heading), angles.wrap360(heading - inside.heading), np.nan)
-    depth, source = _depth(record, nominal_depth, latitude)
+    depth, source = _depth(record, nominal_depth, latitude, depth_named)
     notes = _depth_warnings(record.depth_m, depth, source, nominal_depth, water_depth)
     record = replace(
         record,
@@ -166,20 +168,22 @@ def _inside(record: Record, start_s: float, end_s: float) -> Record:
     return replace(take(record, which), counts=counts, warnings=(*record.warnings, *notes))
 
 
-def _depth(record: Record, nominal: float | None, latitude: float) -> tuple[Floats, str]:
+def _depth(record: Record, nominal: float | None, latitude: float, named: bool) -> tuple[Floats, str]:
     """Compute depth from pressure if that varies, else from the depth field if that varies, else from the metadata.
 
-    A table of profiles gives the depth of its first bin (no profiler measures at its own transducer); the nominal depth
-    would shift all bins. Missing depths are interpolated, as a sphere moves slowly.
+    A column of depths that the metadata name counts where it is constant too, if below the surface. A table of profiles
+    gives the depth of its first bin (no profiler measures at its own transducer); the nominal depth would shift all
+    bins. Missing depths are interpolated, as a sphere moves slowly.
     """
     several = record.bin_range_m.shape[1] > 1 and bool((record.bin_range_m[:, 0] == 0.0).all())
     by_pressure, of_bins = _varies(record.pressure_dbar), several and bool(np.isfinite(record.depth_m).all())
-    if not by_pressure and not _varies(record.depth_m) and not of_bins and nominal is not None:
+    by_field, stated = _varies(record.depth_m) or of_bins, named and _usual(record.depth_m) > 0.0
+    if not by_pressure and not by_field and not stated and nominal is not None:
         return np.full(record.time_s.shape, float(nominal)), "metadata"
     depth = depth_of_pressure(record.pressure_dbar, latitude) if by_pressure else record.depth_m
     known, position = np.isfinite(depth), np.arange(depth.size)
     filled = np.interp(position, position[known], depth[known]) if known.any() else depth.copy()
-    return filled, "pressure" if by_pressure else "depth field"
+    return filled, "pressure" if by_pressure else "depth field" if by_field else "column of depths"
 
 
 def depth_of_pressure(pressure_dbar: Floats, latitude: float) -> Floats:
@@ -205,11 +209,18 @@ def _depth_warnings(given: Floats, depth: Floats, source: str, nominal: float | 
             notes.append(f"depth by the {source} starts at {shallow:.0f} m, the metadata say {nominal:.0f} m")
         if deepest > 1.05 * water_depth:
             notes.append(f"depth by the {source} reaches {deepest:.0f} m, below the bottom at {water_depth:.0f} m")
-    usual = float(np.median(known)) if (known := given[np.isfinite(given)]).size else 0.0
+    usual, advice = _usual(given), "correct whichever is wrong"
     if source == "metadata" and nominal is not None and usual > 0.0 and abs(usual - nominal) > slack:
         unused = f"the file's depth of {usual:.0f} m never varies and was not used"
-        notes.append(f"{unused}; the metadata say {nominal:.0f} m: correct whichever is wrong")
+        notes.append(f"{unused}; the metadata say {nominal:.0f} m: {advice}")
+    if source == "column of depths" and nominal is not None and 1.0 < abs(usual - nominal) <= slack:
+        notes.append(f"depth by the {source} is {usual:.1f} m throughout, the metadata say {nominal:.1f} m: {advice}")
     return notes
+
+
+def _usual(depth_m: Floats) -> float:
+    known = depth_m[np.isfinite(depth_m)]
+    return float(np.median(known)) if known.size else 0.0
 
 
 def add_covariates(record: Record, series: Mapping[str, Mapping[str, Any]]) -> Record:

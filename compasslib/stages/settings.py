@@ -228,6 +228,7 @@ class Moorings:
             "water_depth": mooring.water_depth,
             "latitude": mooring.latitude,
             "nominal_depth": instrument.depth,
+            "depth_named": bool(instrument.columns and instrument.columns.depth),
             # Some readers remove the declination themselves: a PD0 file may hold it as heading bias.
             "declination_applied": 0.0 if form.takes_declination else instrument.declination_applied or 0.0,
             "exclude": [(window.from_s, window.to_s) for window in instrument.exclude],

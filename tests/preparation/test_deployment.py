@@ -35,6 +35,17 @@ def test_depth_comes_from_pressure_then_depth_field_then_metadata(pressure, fiel
     assert settled.depth_m[[0, -1]] == pytest.approx(expected, abs=3.0)
 
 
+def test_a_named_column_of_constant_depths_counts_and_its_disagreement_is_reported():
+    given = replace(record(HOUR * np.arange(11)), depth_m=np.full(11, 96.2))
+    settled = apply_deployment(given, **SETTINGS, depth_named=True)
+    assert (settled.depth_m == 96.2).all()
+    assert "depth by the column of depths is 96.2 m throughout, the metadata say 100.0 m" in settled.warnings[-1]
+    for stuck in (0.0, np.nan):  # no sensor
+        settled = apply_deployment(replace(given, depth_m=np.full(11, stuck)), **SETTINGS, depth_named=True)
+        assert (settled.depth_m == 100.0).all()
+    assert (apply_deployment(given, **SETTINGS).depth_m == 100.0).all()
+
+
 def test_pressure_offset_is_subtracted():
     given = replace(record(HOUR * np.arange(11)), pressure_dbar=np.linspace(101.0, 201.0, 11))
     settled = [apply_deployment(given, **SETTINGS, pressure_offset=offset) for offset in (0.0, 10.0)]
