@@ -12,7 +12,6 @@ taken as the truth. Currents on fixed depths are those of benchmarks/gridding.py
 import argparse
 import csv
 import json
-import re
 import shutil
 import sys
 import tempfile
@@ -40,8 +39,7 @@ def run(source: Path, folder: Path, method: str) -> None:
     shutil.copytree(source / "config", folder / "config", copy_function=shutil.copyfile)
     (folder / "raw").symlink_to((source / "raw").resolve())
     for path in (folder / "config/moorings").glob("*.yaml"):
-        others = re.sub(r"^fit:.*\n", "", path.read_text(), flags=re.MULTILINE)
-        path.write_text(f"{others}fit: {{method: {method}}}\n")
+        path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | {"fit": {"method": method}}))
     settings = yaml.safe_load((folder / "config/config.yaml").read_text())
     settings |= {"diagnose": {"enabled": False}, "demonstration": False}
     (folder / "config/config.yaml").write_text(yaml.safe_dump(settings))  # the methods without the diagnosis
