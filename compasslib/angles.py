@@ -75,9 +75,11 @@ def turn(east: ArrayLike, north: ArrayLike, by_deg: ArrayLike) -> tuple[Floats, 
     return east * cosine + north * sine, north * cosine - east * sine
 
 
-def turned_share(angle_deg: ArrayLike) -> Floats:
-    """Compute the displacement of a vector due to its direction's standard deviation, relative to length, at most 1."""
-    return np.minimum(np.deg2rad(np.asarray(angle_deg, dtype=float)), 1.0)
+def rotation_errors(variance: Floats) -> tuple[Floats, Floats]:
+    """Compute the mean squared errors across and along a unit vector, from the variance of its direction, rad2."""
+    # Of a normal error delta, sin(delta) acts across and 1 - cos(delta) along the vector.
+    once, twice = np.exp(-0.5 * variance), np.exp(-2.0 * variance)
+    return 0.5 * (1.0 - twice), 1.5 + 0.5 * twice - 2.0 * once
 
 
 def mean(angle_deg: ArrayLike, weights: ArrayLike | None = None, axis: int | None = None) -> Floats:

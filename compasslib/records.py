@@ -245,7 +245,8 @@ class CorrectedRecord(Labelled):
     north: Floats  #: (n, m) m/s, corrected
     east_recorded: Floats  #: (n, m) m/s, by the recorded heading plus declination
     north_recorded: Floats  #: (n, m) m/s, as ``east_recorded``
-    velocity_uncertainty: Floats  #: (n, m) m/s, one standard deviation of either component
+    east_uncertainty: Floats  #: (n, m) m/s, one standard deviation due to the direction
+    north_uncertainty: Floats  #: (n, m) m/s, as ``east_uncertainty``
     velocity_quality: Flags  #: (n, m) OceanSITES flag of the corrected velocities
     path: str = ""  #: the file that it was opened from
 

@@ -271,7 +271,8 @@ _PRODUCT = {
     "north": "VCUR",
     "east_recorded": "UCUR_RECORDED",
     "north_recorded": "VCUR_RECORDED",
-    "velocity_uncertainty": "UCUR_UNCERTAINTY",
+    "east_uncertainty": "UCUR_UNCERTAINTY",
+    "north_uncertainty": "VCUR_UNCERTAINTY",
     "velocity_quality": "UCUR_QC",
 }
 _RECORDED = {
@@ -348,8 +349,8 @@ def _columns(product: records.CorrectedRecord, whole: records.Record, site: Site
         "UCUR_RECORDED": (east, _flag_missing(record.quality, east, records.MISSING)),
         "VCUR_RECORDED": (north, _flag_missing(record.quality, north, records.MISSING)),
         "UCUR_QC_TESTS": (tests | doubtful[:, None], None),
-        "UCUR_UNCERTAINTY": (product.velocity_uncertainty, None),
-        "VCUR_UNCERTAINTY": (product.velocity_uncertainty, None),
+        "UCUR_UNCERTAINTY": (product.east_uncertainty, None),
+        "VCUR_UNCERTAINTY": (product.north_uncertainty, None),
         "HEADING_TRUE": (true, _flag_missing(quality, true, records.BAD)),
         "PITCH": (record.pitch_deg, _judged("PITCH", record.pitch_deg)),
         "ROLL": (record.roll_deg, _judged("ROLL", record.roll_deg)),

@@ -167,6 +167,7 @@ _RECORDED = "Turned by the recorded heading plus DECLINATION, before the correct
 _NOT_CORRECTED = "What cannot be corrected is missing and flagged 4, never guessed."
 _CORRECTED = f"The recorded velocity turned clockwise by DEVIATION; its speed is unchanged. {_NOT_CORRECTED}"
 _STANDARD_DEVIATION = "One standard deviation."
+_BY_DIRECTION = f"{_STANDARD_DEVIATION} Of the error of the direction alone; gridded.nc has all errors."
 _MEASURED = "physicalMeasurement"
 _QUALITY, _UNKNOWN = "qualityInformation", {"QC_indicator": "unknown"}
 _OF_BINS, _OF_MOORING = "TIME LATITUDE LONGITUDE DEPTH", "LATITUDE LONGITUDE"
@@ -212,7 +213,7 @@ def _current(name: str, towards: str, standard_name: str, parameter: str) -> lis
         corrected, name=f"{name}_RECORDED", long_name=f"{towards} velocity of the water, by the recorded heading",
         standard_name="", comment=_RECORDED, parameter="", ancillary=("HEADING", "DECLINATION"),
     )  # fmt: skip
-    return [corrected, recorded, _uncertainty(name, standard_name, BINS, _STANDARD_DEVIATION, reference=TRUE)]
+    return [corrected, recorded, _uncertainty(name, standard_name, BINS, _BY_DIRECTION, reference=TRUE)]
 
 
 def _uncertainty(

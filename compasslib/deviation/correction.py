@@ -70,7 +70,8 @@ class CorrectedPieces:
         if record.direction_reference != "true":
             east, north = angles.turn(east, north, declination[:, None])
         corrected_east, corrected_north = angles.turn(east, north, deviation[:, None])
-        direction_sigma = np.hypot(decision.sigma_deg, self.declination_deg)
+        variance = np.deg2rad(np.hypot(decision.sigma_deg, self.declination_deg))[:, None] ** 2
+        across, along = angles.rotation_errors(variance)
         quality = _heading_quality(record, decision)
         worse = np.maximum(np.maximum(record.quality, GOOD), quality[:, None])
         return CorrectedRecord(
@@ -86,7 +87,8 @@ class CorrectedPieces:
             north=corrected_north,
             east_recorded=east,
             north_recorded=north,
-            velocity_uncertainty=np.hypot(east, north) * angles.turned_share(direction_sigma)[:, None],
+            east_uncertainty=np.sqrt(across * corrected_north**2 + along * corrected_east**2),
+            north_uncertainty=np.sqrt(across * corrected_east**2 + along * corrected_north**2),
             velocity_quality=np.where(record.quality == MISSING, MISSING, worse).astype(np.int8),
         )
 

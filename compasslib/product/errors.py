@@ -187,9 +187,7 @@ def sphere_motion(depth_m: Floats, flow: Complexes, time_s: Floats, water_depth_
 
 def marginals(velocity: Complexes, heading_variance: Floats, other: Floats) -> tuple[Floats, Floats, Floats]:
     """Compute the variances of u and v and their covariance, (t, z) (m/s)^2, from heading variance and other errors."""
-    # Of a normal heading error delta, sin(delta) acts across and 1 - cos(delta) along the velocity.
-    once, twice = np.exp(-0.5 * heading_variance), np.exp(-2.0 * heading_variance)
-    across, along = 0.5 * (1.0 - twice), 1.5 + 0.5 * twice - 2.0 * once
+    across, along = angles.rotation_errors(heading_variance)
     u, v = velocity.real, velocity.imag
     return across * v**2 + along * u**2 + other, across * u**2 + along * v**2 + other, (along - across) * u * v
 

@@ -21,7 +21,7 @@ def test_product_converts_to_xarray_with_dimensions_and_units(tmp_path):
     for name, unit, values in (
         ("HEADING_CORRECTED", "degree", product.heading_corrected_deg),
         ("UCUR", "m s-1", product.east),
-        ("UCUR_UNCERTAINTY", "m s-1", product.velocity_uncertainty),
+        ("UCUR_UNCERTAINTY", "m s-1", product.east_uncertainty),
         ("HEADING", "degree", product.record.heading_deg),
     ):
         assert data[name].units == unit and data[name].values == pytest.approx(values, nan_ok=True)

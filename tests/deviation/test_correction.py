@@ -53,7 +53,10 @@ def test_corrected_velocity_is_the_recorded_one_turned_by_deviation_and_declinat
     before = angles.direction(seen.upper_east, seen.upper_north)
     after = angles.direction(product.east[:, 0], product.north[:, 0])
     assert np.abs(angles.difference(after - before, product.deviation_deg + 18.0)).max() < 1e-6
-    assert (product.velocity_uncertainty > 0).all()
+    turned = np.deg2rad(product.heading_uncertainty_deg)[:, None]  # an error of the direction acts across the velocity
+    across = np.abs(np.stack([product.north, product.east])) * turned
+    off = np.stack([product.east_uncertainty, product.north_uncertainty]) - across
+    assert (np.abs(off) < turned**2 * speed).all()
 
 
 def test_correction_in_pieces_yields_the_same_file(tmp_path, monkeypatch):

@@ -99,7 +99,8 @@ def product_of(record: Record, deviation: np.ndarray) -> CorrectedRecord:
         north=north,
         east_recorded=east_recorded,
         north_recorded=north_recorded,
-        velocity_uncertainty=np.hypot(east, north) * np.deg2rad(2.0),
+        east_uncertainty=np.abs(north) * np.deg2rad(2.0),
+        north_uncertainty=np.abs(east) * np.deg2rad(2.0),
         velocity_quality=np.where(np.isfinite(east), GOOD, BAD).astype(np.int8),
     )
 
