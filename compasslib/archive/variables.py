@@ -354,7 +354,7 @@ SECTION_SIGMA = (
     "time and source. Of a sum Q = sum(a UCUR + b VCUR) over times t and depths z, let g(s, t) = sum over the depths "
     "of source s of a VCUR - b UCUR. Then var(Q) = sum over modes m of [sum over s, t of HEADING_ERROR_SHARE(s, m) "
     "HEADING_ERROR_MODE(m, t) g(s, t)]^2 + sum over pairs of times t, t' of r(t) r(t') exp(-|t - t'| / memory_hours) "
-    "+ sum over cells of rest^2 (a^2 + b^2) (1 + 2 error_memory_hours / step of TIME), where r(t) = "
+    "+ sum over cells of rest^2 (a^2 + b^2) (1 + 2 error_memory_hours / step of TIME; 1 of one time), where r(t) = "
     "HEADING_ERROR_RANDOM(t) g(1, t), source 1 being the affected instrument (several are sources 1, 2, ..., each "
     "with its own row of HEADING_ERROR_RANDOM and its own sum), memory_hours is an attribute of HEADING_ERROR_RANDOM "
     "and error_memory_hours of UCUR_UNCERTAINTY, and rest^2 = (UCUR_UNCERTAINTY^2 + VCUR_UNCERTAINTY^2 - h^2 (UCUR^2 "

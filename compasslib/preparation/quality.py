@@ -183,7 +183,9 @@ def flag_quality(
     """Flag and count impossible values, and warn of uninformative sensors, and of the unit of an affected compass."""
     limits = asdict(thresholds or Thresholds())
     record = _flag_read(record, limits["percent_good"])
-    for check in CHECKS:
+    # Cells outside the water before those of weak signals, whose warning then does not count them; spikes last, as the
+    # median leaves out what is flagged.
+    for check in sorted(CHECKS, key=lambda check: (check.failed is _spikes, check.by_sample)):
         limit = limits.get(check.threshold)
         absent = (check.threshold and limit is None) or (check.profile and check.profile not in record.profiles)
         if check.failed and not absent:

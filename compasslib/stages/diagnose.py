@@ -68,7 +68,8 @@ def diagnose(
     origin = {name: value for name, value in configured.items() if name not in alone}  # of a calibration
     content = corrected | {
         "warnings": tuple(dict.fromkeys([*alone["warnings"], *corrected["warnings"]])),
-        "averaged": any(member.compass for member in made.product.applied),
+        # Of a folded compass, the headings with one reading are averaged by their probability.
+        "averaged": any(member.compass for member in made.product.applied) or made.product.fit.folded,
         "fitted": alone,
         "applied": made.product.to_json(),
         "shared": shared,

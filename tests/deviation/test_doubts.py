@@ -95,7 +95,7 @@ def test_only_a_declination_of_wrong_sign_is_questioned():
 def test_a_subtracted_heading_bias_is_identified_with_its_instrument():
     found = question_constant(-45.5, 1.3, DECLINATION_DEG, {"top": 0.0, "deep": 45.0})
     assert found.effect == "declination_error"
-    assert "EB of +45.0° that was subtracted from the directions of deep" in found.text
+    assert "equal to the +45.0° that were subtracted from the directions of deep" in found.text
 
 
 def turned(seen: Pairs, side: str, angle_deg: float) -> Pairs:

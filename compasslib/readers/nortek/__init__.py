@@ -429,7 +429,7 @@ def _describe(
         yield f"The declination of {inside:g} degrees that was set was taken out of the headings."
     elif stated is not None and {*stated} != {inside}:
         says = f"the file tells {inside:g}" if inside else "the file tells none"
-        yield f"declination_applied of {stated} degrees was taken out of the headings; {says}."
+        yield f"declination_applied of {stated} degrees was taken out of the directions; {says}."
     if counts["orientation_disagrees"] > STRAY * n:
         word, other = ("up", "down") if up else ("down", "up")
         effect = " though its velocities are turned already" if samples.recorded == Coordinates.EARTH else ""
