@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compasslib import angles, compass
 from compasslib.calibrations import TWO_TURNS, curves, read_columns, result
@@ -39,6 +40,12 @@ class BenchReadings:
     def __len__(self) -> int:
         return len(self.reference_deg)
 
+    @cached_property
+    def heading_slots(self) -> NDArray[np.intp]:
+        """Number of the heading of each reading, (n,), equal for repeats."""
+        slots = np.round(angles.wrap360(self.reference_deg) / SAME_HEADING_DEG) % (360.0 / SAME_HEADING_DEG)
+        return np.unique(slots, return_inverse=True)[1]
+
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
     """Calibrate a compass on a bench, with readings of it spun in one place."""
@@ -56,9 +63,9 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     rows, missing = result.sources(given, settings.get("budget"))
     step = float(settings.get("table_step_deg", 10.0))
     fitted = calibrate_readings(BenchReadings(reference, recorded), rows, table_step_deg=step)
-    doubts: list[str] = []
+    doubts = _unit_doubts(columns["reference_deg"][known], columns["recorded_deg"][known])
     if shift := fitted.details.get("constant_shift"):
-        doubts = _constant_doubts(shift["value_deg"], shift["sigma_deg"], settings.get("declination_deg"))
+        doubts += _constant_doubts(shift["value_deg"], shift["sigma_deg"], settings.get("declination_deg"))
     if settings.get("budget") == result.LE_MENN and given.get("field_deg") is None and fitted.model != "none":
         level = (settings.get("field") or {}).get("horizontal_nT", result.PAPER_FIELD_NT)
         conditions["physical_field"] = result.physical_field(fitted.sources, level)
@@ -90,6 +97,16 @@ def measure_homogeneity(
         f"degrees, by {mean:+.2f} on average: the largest is the homogeneity's row of the budget"
     )
     return {"max_deg": largest, "mean_deg": mean, "text": text}
+
+
+def _unit_doubts(reference_deg: Floats, recorded_deg: Floats) -> list[str]:
+    """Say where headings may be gradians, or only the recorded ones are round numbers, as a platform is set to."""
+    if 360.0 < np.max([*reference_deg, *recorded_deg], initial=0.0) < 400.0:
+        return ["headings between 360 and 400, and none beyond: they may be gradians, of which 400 are a turn"]
+    uneven = [np.abs(angles.difference(x, 5.0 * np.round(x / 5.0))) > 0.05 for x in (reference_deg, recorded_deg)]
+    if len(reference_deg) < 5 or np.mean(uneven[0]) < 0.8 or uneven[1].any():
+        return []
+    return ["all recorded_deg are multiples of 5 degrees and few reference_deg are: the two columns may be exchanged"]
 
 
 def _constant_doubts(value: float, sigma: float, declination_deg: float | None) -> list[str]:
@@ -144,7 +161,7 @@ def calibrate_readings(
         coefficients = {"coefficients": np.append(chosen.coefficients, [np.nan, np.nan]), "covariance": unknown}
     if exact := fitted.get(EXACT.name):
         coefficients |= {"exact": exact.coefficients, "exact_covariance": exact.covariance}
-    rows = (*sources, _fit_residual(chosen))
+    rows = (*sources, _fit_residual(chosen), *_repeatability(readings, points["residual_deg"], chosen))
     heading = np.arange(0.0, 360.0, table_step_deg)
     deviation, sigma = chosen.deviation(heading), np.hypot(chosen.sigma(heading), result.common(rows))
     return replace(
@@ -166,10 +183,9 @@ def calibrate_readings(
 def _fit_forms(readings: BenchReadings) -> tuple[Points, dict[str, FittedCurve], dict[str, str]]:
     """Fit all forms to readings averaged by heading: the points, fitted curves, and why the others cannot be fitted."""
     # Repeats share the error of the bench's setting: they count once.
-    slots = np.round(angles.wrap360(readings.reference_deg) / SAME_HEADING_DEG)
-    groups = [slots == slot for slot in np.unique(slots)]
+    slot = readings.heading_slots
     recorded, reference = (
-        np.array([float(angles.mean(x[group])) for group in groups])
+        np.array([float(angles.mean(x[slot == k])) for k in range(slot.max(initial=-1) + 1)])
         for x in (readings.recorded_deg, readings.reference_deg)
     )
     observed = curves.deviation_points(recorded, reference)
@@ -186,6 +202,18 @@ def _fit_forms(readings: BenchReadings) -> tuple[Points, dict[str, FittedCurve],
 def _fit_residual(curve: FittedCurve) -> Source:
     how = f"scatter about the curve, {curve.dof} degrees of freedom, by Student's t"
     return Source(result.FIT_RESIDUAL, curve.scatter_deg, how)
+
+
+def _repeatability(readings: BenchReadings, residual_deg: Floats, curve: FittedCurve) -> list[Source]:
+    """Compute by how much repeats disagree beyond the scatter of their means about the curve, if there are any."""
+    slot = readings.heading_slots
+    count = np.bincount(slot)
+    if not (count > 1).any():
+        return []
+    off = residual_deg - (np.bincount(slot, residual_deg) / count)[slot]
+    within = float(off @ off) / (len(slot) - len(count))
+    beyond = max(within - float(np.mean(count)) * curve.scatter_deg**2, 0.0)
+    return [Source("repeats", float(np.sqrt(beyond)), "disagreement of repeated headings beyond the scatter")]
 
 
 def _describe_models(
@@ -226,10 +254,38 @@ def _refusal(observed: Points, reasons: Mapping[str, str]) -> str:
     if len(observed) == 1:
         off = float(observed.deviation_deg[0])
         return f"one heading only: the deviation there is {off:+.1f} degrees, elsewhere it is unknown; {SWING}"
-    sectors = curves.count_sectors(observed.recorded_deg)
+    sectors, mistyped = curves.count_sectors(observed.recorded_deg), _mistyped(observed)
     return (
         f"{len(observed)} headings in {sectors} of 36 sectors determine no curve (five terms: {reasons[SMITH.name]}; "
-        f"one cycle: {reasons[ONE_CYCLE.name]}); {SWING}"
+        f"one cycle: {reasons[ONE_CYCLE.name]}); {mistyped or SWING}"
+    )
+
+
+def _mistyped(observed: Points, exact: FittedCurve | None = None) -> str:
+    """Name the reading that is an outlier from the curve through the others (Bonferroni's test at 0.1 %), or none.
+
+    The curve is the series, or the exact compass if that was chosen, with the mean leverage of a reading.
+    """
+    from scipy.special import stdtr  # imported late: only this kind needs it
+
+    design, off = series_design(observed.recorded_deg), angles.wrap180(observed.deviation_deg)
+    n, parameters = design.shape
+    if n < parameters + 3 or np.linalg.matrix_rank(design) < parameters:
+        return ""
+    basis, _ = np.linalg.qr(design)
+    left, free = off - basis @ (basis.T @ off), 1.0 - np.sum(basis**2, axis=1)
+    if exact is not None:
+        reading = compass.recorded_heading(exact.coefficients, observed.recorded_deg + observed.deviation_deg)
+        left, free = angles.difference(reading, observed.recorded_deg), np.full(n, 1.0 - parameters / n)
+    dof = n - parameters - 1
+    others = np.maximum(left @ left - left**2 / free, 1e-12) / dof
+    student = np.abs(left) / np.sqrt(others * free)
+    k = int(np.argmax(student))
+    if float(stdtr(dof, -student[k])) > 0.0005 / n:
+        return ""
+    return (
+        f"the reading of {observed.recorded_deg[k]:.1f} degrees lies {left[k] / free[k]:+.1f} degrees off the curve "
+        "through the others: check its line"
     )
 
 
@@ -239,8 +295,10 @@ def _warnings(readings: BenchReadings, observed: Points, reasons: Mapping[str, s
     widest = int(np.argmax(ahead))
     ends = f"{recorded[widest]:.0f} and {recorded[(widest + 1) % count]:.0f}"
     full_circle = chosen.form is not EXACT or compass.turns_full_circle(chosen.coefficients)
+    mistyped = _mistyped(observed, chosen if chosen.form is EXACT else None)
     warnings = applicable(
         {
+            mistyped: bool(mistyped),
             f"{len(readings)} readings at {count} headings: repeats are averaged and count once": (
                 count < len(readings)
             ),

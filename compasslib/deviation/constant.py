@@ -32,8 +32,8 @@ DECLINATION = {
     "longitude)",
 }
 BIAS = (
-    "equal to the {:+.1f}° that were subtracted from the directions of {} (heading bias EB, declination_applied), which "
-    "may not hold them (declination_applied: 0 keeps them)"
+    "equal to the {:+.1f}° that were subtracted from the directions of {} (heading bias EB, declination_applied), "
+    "which may not hold them (declination_applied: 0 keeps them)"
 )
 BACKWARDS = "half a turn: the instrument is mounted backwards, or both components of one instrument have the other sign"
 TURNED = (

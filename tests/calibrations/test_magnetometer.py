@@ -76,7 +76,6 @@ def test_hmc5883l_needs_the_whole_ellipsoid():
     found = of_real_log("hmc5883l_sphere")
     assert found.model == "ellipsoid"
     assert found.details["modulus_residual_percent"]["after"] <= 0.4604  # published 0.46 %
-    assert found.details["scores"]["sphere"] > 5.0 > 1.0 > found.details["scores"]["ellipsoid"]
     assert found.coefficients.size == 0 and "depends on the dip" in found.why
 
 

@@ -94,6 +94,40 @@ def test_ambiguous_bench_error_is_a_doubt_passed_to_the_mooring(tmp_path, read, 
     assert calibrated(tmp_path, declination_deg=declination).details["doubts"] == []
 
 
+def mistyped(degrees, k=8):
+    return lambda x: x + degrees * (np.arange(len(x)) == k)
+
+
+@pytest.mark.parametrize(
+    ("read", "said"),
+    [
+        (on_bench(recorded=mistyped(10.0)), " degrees off the curve through the others: check its line"),
+        (BenchReadings(ring(24), readings(ring(24)).reference_deg + 0.13), ""),
+        (BenchReadings(readings(ring(24)).recorded_deg + 0.13, ring(24)), "the two columns may be exchanged"),
+        (on_bench(lambda x: x / 0.9, lambda x: x / 0.9), "they may be gradians, of which 400 are a turn"),
+    ],
+    ids=["mistyped", "sound", "exchanged", "gradians"],
+)  # fmt: skip
+def test_mistakes_in_a_table_are_named(tmp_path, read, said):
+    doubts = [text for text in calibrated(tmp_path, read).warnings if "expanded uncertainty" not in text]
+    assert any(said in text for text in doubts) if said else not any("turns" not in text for text in doubts)
+
+
+def test_repeats_that_disagree_widen_the_uncertainty(tmp_path):
+    reference = np.tile(ring(24), 2)
+    sound, moved = readings(reference), readings(reference)
+    moved = replace(moved, recorded_deg=moved.recorded_deg + np.repeat([2.0, -2.0], 24))
+    scatter = {name: {row.name: row.standard_deg for row in calibrated(tmp_path, read).sources}["repeats"]
+               for name, read in (("sound", sound), ("moved", moved))}  # fmt: skip
+    assert scatter["moved"] > 2.0 > 0.3 > scatter["sound"]
+
+
+def test_a_bench_back_to_front_is_named_and_not_searched(tmp_path):
+    read = on_bench(lambda x: x + 180.0)
+    found = kinds.diagnose("platform", [write_table(tmp_path / "b.csv", read)], {}, Options())
+    assert found.verdict == "insufficient" and "stood back to front" in found.why
+
+
 def test_budget_of_le_menn_reproduces_the_published_numbers():
     """Section 2: 0.90 degrees for directions; for tilts it prints 0.40, but the numbers in its text give 0.38."""
     rows, _ = result.sources({}, "le_menn")

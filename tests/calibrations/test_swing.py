@@ -123,6 +123,18 @@ def test_recorded_headings_already_true_are_reported_first(tmp_path, declination
     assert "twice minus the declination" in wrong.warnings[0] and "has the wrong sign" in wrong.warnings[0]
 
 
+def test_place_date_and_courses_that_do_not_fit_are_told(tmp_path):
+    columns = at_sea(noise_deg=0.1)
+    turned = written(tmp_path, **columns | {"compass_deg": angles.wrap360(columns["compass_deg"] - 30.0)})
+    assert "A is +30." in " ".join(swing.calibrate([turned], SURE).warnings)
+    dated = written(tmp_path, time_utc=[f"2022-09-29T10:{k:02d}:00Z" for k in range(36)], **columns)
+    (told,) = [text for text in swing.calibrate([dated], SURE | {"date_s": 5e8}).warnings if "the log is of" in text]
+    assert told == "the log is of 2022-09-29, the declination of 1985-11-05 (date)"
+    courses = np.random.default_rng(1).uniform(0.0, 360.0, 36)
+    random = swing.calibrate([written(tmp_path, **columns | {"cog_deg": courses})], SURE)
+    assert any("where those of real swings scatter by 1 to 4°" in text for text in random.warnings)
+
+
 def test_strong_iron_is_fitted_by_the_exact_compass(tmp_path):
     iron, heading = np.array([0.02, 0.45, -0.2, 0.05, -0.03]), np.arange(0.0, 360.0, 10.0)
     path = written(tmp_path, compass_deg=compass.recorded_heading(iron, heading), true_deg=heading)

@@ -192,10 +192,9 @@ def _details(solved: SolvedIron) -> dict[str, Any]:
     choice, size, to_body = solved.choice, solved.choice.scale * solved.gain(solved.iron), solved.axes.matrix
     open_turns = [name for name, known in zip(TURNS, solved.turned, strict=True) if not known]
     undetermined = choice.undetermined | {f"turn about {name}": OPEN_TURN for name in open_turns}
-    # Iron in the file's axes; where the selected model has no soft iron, its uncertainty is that of the largest model.
-    largest = choice.full.replicates if choice.full is not choice.fitted else solved.irons[1:]
+    # Iron in the file's axes.
     shift = choice.scale * to_body.T @ (solved.moved - solved.iron)[:3]
-    soft = np.array([to_body.T @ solved.soft(replicate) @ to_body for replicate in largest])
+    soft = np.array([to_body.T @ solved.soft(replicate) @ to_body for replicate in solved.irons[1:]])
     unknown = np.zeros(12, dtype=bool)
     for name in choice.undetermined:
         unknown[ellipsoid.ENTRIES[name]] = True
@@ -211,7 +210,6 @@ def _details(solved: SolvedIron) -> dict[str, Any]:
         "soft_iron_sigma": np.where(of_soft, null, ellipsoid.sigma(soft)).tolist(),
         "undetermined": list(undetermined),
         "undetermined_why": undetermined,
-        "scores": choice.scores,
         "noise": size * choice.fitted.noise,
         "field_in_file_unit": size,
         "field_is": "horizontal" if choice.level else "total",

@@ -207,14 +207,12 @@ def adjusted_scores(
 
 @dataclass(frozen=True)
 class ModelChoice:
-    """The selected model and its alternatives."""
+    """The largest model that the readings determine."""
 
     fitted: FittedEllipsoid
-    full: FittedEllipsoid  # the largest model that the readings determine
     readings: ScaledReadings
     scale: float  # file units per unit of the scaled readings
     level: bool
-    scores: dict[str, float]  # rms error of the modulus on held-out blocks, percent
     undetermined: dict[str, str]  # parameter -> reason
 
 
@@ -228,7 +226,7 @@ def choose_model(log: Log, body: Floats) -> ModelChoice | str:
 
 def find_outliers(choice: ModelChoice) -> Bools:
     """Flag readings far from the fitted modulus, (n,); none if these would be 5 % or more."""
-    off = modulus(corrected(choice.full.iron, choice.readings), choice.readings.down) - 1.0
+    off = modulus(corrected(choice.fitted.iron, choice.readings), choice.readings.down) - 1.0
     off = np.abs(off - np.median(off))
     far = off > 6.0 * max(robust_width(off), SYSTEMATIC_ERROR)
     return far if far.mean() < 0.05 else np.zeros_like(far)
@@ -246,8 +244,7 @@ def _choose_spatial(body: Floats) -> ModelChoice | None:
     lost = _undetermined_groups(unsure, DIAGONAL, OTHERS)
     models = [model for model in (SPHERE, AXES, ELLIPSOID) if not set(lost) & set(model.parameters)]
     reasons = {name: _reason(unsure[name], "the orientations leave it") for name in lost}
-    chosen, full, scores = _select_by_cross_validation(models, readings, centre)
-    return ModelChoice(chosen, full, readings, scale, level=False, scores=scores, undetermined=reasons)
+    return ModelChoice(_fit_largest(models, readings, centre), readings, scale, level=False, undetermined=reasons)
 
 
 def _choose_level(log: Log, body: Floats) -> ModelChoice | str:
@@ -281,8 +278,7 @@ def _choose_level(log: Log, body: Floats) -> ModelChoice | str:
         reasons = dict.fromkeys(reasons, "there is no z")
     reasons |= {name: _reason(both[name], "the part of a turn leaves it") for name in lost}
     models = [CIRCLE] if lost else [CIRCLE, ELLIPSE]
-    chosen, full, scores = _select_by_cross_validation(models, readings, centre)
-    return ModelChoice(chosen, full, readings, scale, level=True, scores=scores, undetermined=reasons)
+    return ModelChoice(_fit_largest(models, readings, centre), readings, scale, level=True, undetermined=reasons)
 
 
 def _undetermined_groups(unsure: dict[str, float], *groups: tuple[str, ...]) -> list[str]:
@@ -351,20 +347,9 @@ def _noise(largest: Model, fitted: FittedEllipsoid, readings: ScaledReadings) ->
     return noise, effective_sample_size(residual, times, longest_s=len(readings) / 10.0)
 
 
-def _select_by_cross_validation(
-    models: Sequence[Model], readings: ScaledReadings, centre: Floats
-) -> tuple[FittedEllipsoid, FittedEllipsoid, dict[str, float]]:
-    """Select the model that best predicts held-out blocks: that model, the largest, and the rms of each, percent."""
-    fold, scores = blocks(len(readings)) % 5, dict[str, float]()
-    for model in models:
-        off = np.full(len(readings), np.nan)
-        try:
-            for k in range(5):
-                iron = solve(model, take(readings, fold != k), centre)[0] @ model.chain
-                left = take(readings, fold == k)
-                off[fold == k] = modulus(corrected(iron, left), left.down) - 1.0
-            scores[model.name] = float(100.0 * np.sqrt(np.mean(off**2)))
-        except np.linalg.LinAlgError:
-            scores[model.name] = float("inf")
-    fits = [fitted for model in models if (fitted := fit(model, readings, centre))]
-    return min(fits, key=lambda fitted: scores[fitted.name]), fits[-1], scores
+def _fit_largest(models: Sequence[Model], readings: ScaledReadings, centre: Floats) -> FittedEllipsoid:
+    """Fit the largest of the models, in order of size, that the readings determine; the first is known to be one.
+
+    Iron that a smaller model leaves out is unknown, not absent: intervals without it cover too little.
+    """
+    return next(fitted for model in reversed(models) if (fitted := fit(model, readings, centre)))

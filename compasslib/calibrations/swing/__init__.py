@@ -22,6 +22,7 @@ from compasslib.calibrations.swing.model import COURSE, LAG, SERIES, Swing, Swin
 from compasslib.calibrations.swing.observations import Observations, SwingOptions
 from compasslib.deviation.series import series_design, series_deviation
 from compasslib.errors import InputError, applicable
+from compasslib.records import iso_time
 from compasslib.types import DAY_S, Floats
 
 KIND, MODEL = "swing", "series"
@@ -38,14 +39,20 @@ BUDGET = {  # rows of the budget by block or parameter with a prior, and their o
 }
 REMEDY = "swing 16 to 24 headings round the full circle"
 MIDDLE_NT = 18_000.0  # horizontal field of middle latitudes
+LARGEST_A_DEG = 5.0  # of the mounting of a compass
+MOST_SCATTER_DEG = 15.0  # of courses about the curve; real swings: 1 to 4
+YEAR_S = 366.0 * DAY_S  # in which the declination changes by some tenths of a degree
 
 
 def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calibration:
     """Estimate the deviation from a swing, with uncertainty, table, verdict and magnets."""
     observed, options = observations.read(files, settings), SwingOptions.from_settings(settings)
-    place, date_s = _place(observed, settings), settings.get("date_s")
-    if date_s is None and np.isfinite(observed.time_s).any():
-        date_s = float(np.nanmedian(observed.time_s))
+    place, date_s, dates = _place(observed, settings), settings.get("date_s"), list[str]()
+    if np.isfinite(observed.time_s).any():
+        logged_s = float(np.nanmedian(observed.time_s))
+        date_s = logged_s if date_s is None else date_s
+        if logged_s > YEAR_S and abs(logged_s - date_s) > YEAR_S:  # a log without dates counts from 0
+            dates = [f"the log is of {iso_time(logged_s)[:10]}, the declination of {iso_time(date_s)[:10]} (date)"]
     declination, horizontal = settings.get("declination_deg"), (settings.get("field") or {}).get("horizontal_nT")
     if declination is None:
         if place is None or date_s is None:
@@ -66,12 +73,12 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
             "declination_deg": swing.declination_deg,
             "latitude": place[0] if place else None,
             "longitude": place[1] if place else None,
-            "date": None if date_s is None else datetime.fromtimestamp(date_s, UTC).strftime("%Y-%m-%d"),
+            "date": None if date_s is None else iso_time(date_s)[:10],
             "left_out": dict(observed.left_out),
             "marks": [{"compass_deg": c, "true_deg": t} for c, t in swing.marks],
         },
         why=_refusal(swing),
-        warnings=(*(f"left out: {n} {why}" for why, n in observed.left_out.items()), *observed.warnings),
+        warnings=(*(f"left out: {n} {why}" for why, n in observed.left_out.items()), *observed.warnings, *dates),
     )
     if made.why:
         return replace(made, points=_points(swing, None))
@@ -229,15 +236,16 @@ def _refusal(swing: Swing) -> str:
     gap = observations.widest_gap(observed.recorded_deg)
     if gap <= observations.REFUSED_GAP_DEG:
         return ""
-    if observations.widest_gap(observed.course_deg) <= observations.REFUSED_GAP_DEG:
+    if observations.widest_gap(observed.course_deg) <= gap / 2.0:
         return (
             f"the courses go round the circle, the compass does not (a gap of {gap:.0f}°): iron stronger than the "
             "earth's horizontal field gives each reading for two headings; use kind: platform, with "
             "recorded_deg and, as reference_deg, the course minus the declination"
         )
+    lost = "; ".join(f"{n} left out: {why}" for why, n in observed.left_out.items())
     return (
         f"the headings cover {count_sectors(observed.recorded_deg)} of 36 sectors and leave a gap of {gap:.0f}°: so "
-        f"narrow an arc does not determine five coefficients; {REMEDY}"
+        f"narrow an arc does not determine five coefficients{f' ({lost})' if lost else ''}; {REMEDY}"
     )
 
 
@@ -280,6 +288,10 @@ def _warnings(swing: Swing, series: SwingFit, exact: SwingFit, drift: Mapping[st
         ),
         "the ship turned one way only, so that the delay of the course cannot be separated from A: swing to both "
         "sides": observed.timed and abs(series.covariance[0, LAG]) / (sigma[0] * sigma[LAG]) > 0.7,
+        f"the courses scatter by {left:.0f}° about the curve, where those of real swings scatter by 1 to 4°: they are "
+        "not of this ship or time, the compass has no constant deviation, or courses without way were logged": (
+            left > MOST_SCATTER_DEG
+        ),
         f"the log states a declination of {stated:+.1f}°, {declination:+.1f}° is used": (
             np.isfinite(stated) and abs(float(angles.difference(stated, declination))) >= 0.5
         ),
@@ -290,19 +302,20 @@ def _warnings(swing: Swing, series: SwingFit, exact: SwingFit, drift: Mapping[st
 
 
 def _constant_warnings(swing: Swing, series: SwingFit) -> list[str]:
-    """Warn if A is close to -1 or -2 times the declination: north references or a sign are then probably confused."""
+    """Warn if A is large; close to -1 or -2 times the declination, north references or a sign are probably confused."""
     constant, declination = float(series.parameters[0]), swing.declination_deg
     near = max(2.0 * float(np.sqrt(series.covariance[0, 0])), 0.5)
-    if min(abs(constant), abs(declination)) <= max(2.0, near):
-        return []
     confused = {
         1.0: "the recorded headings are probably true already (HDG of some logs is), or the courses magnetic; if so, "
         "write declination: 0",
         2.0: "the declination probably has the wrong sign; if so, correct declination, or latitude and longitude",
     }
     begin = f"A is {constant:+.1f}°, which is"
-    return [
+    alike = [
         f"{begin} {'twice ' * (times == 2.0)}minus the declination of {declination:+.1f}°: {what}"
         for times, what in confused.items()
         if abs(float(angles.difference(constant, -times * declination))) < near
+        and min(abs(constant), abs(declination)) > max(2.0, near)
     ]
+    large = f"A is {constant:+.1f}°, which turns all headings alike: check position, date, and how the compass stands"
+    return alike or [large] * (abs(constant) > max(LARGEST_A_DEG, near))

@@ -57,6 +57,13 @@ def diagnose_readings(
     correct_deg: Floats, recorded_deg: Floats, *, field: Mapping[str, float] | None, options: Options
 ) -> Diagnosis:
     """Diagnose readings in the order in which they were taken; ``field`` is None where the place is unknown."""
+    turned = float(angles.wrap180(angles.mean(angles.difference(correct_deg, recorded_deg))))
+    if abs(turned) > 90.0:  # beyond what a constant of the exact compass can express
+        return diagnosis.insufficient(
+            f"the readings are turned by {turned:.0f} degrees on average: the instrument stood back to front, or the "
+            "reference does; correct the columns first",
+            UNTESTED,
+        )
     shared = decorrelation_length(recorded_deg, correct_deg)
     if shared > 1:
         return diagnosis.insufficient(

@@ -415,8 +415,9 @@ def describe_recording(leaders: Ensembles, counts: Mapping[str, int], settings: 
             f"The file's heading bias EB of {bias} degrees was taken out of the headings.": (
                 applied is None and biases.any()
             ),
-            f"declination_applied of {applied} degrees was taken out of the directions, although the file's heading bias "
-            f"EB is {bias} degrees.": applied is not None and np.round(np.subtract.outer(biases, applied), 2).any(),
+            f"declination_applied of {applied} degrees was taken out of the directions, although the file's heading "
+            f"bias EB is {bias} degrees.": applied is not None
+            and np.round(np.subtract.outer(biases, applied), 2).any(),
             f"heading_alignment of {heading_alignment:g} degrees was added to the headings; the file's "
             f"heading alignment EA is {alignment} degrees.": alignments.any() and aligned,
             f"The heading of {leaders.heading_deg[0]:g} degrees was set by hand (EH), as EZ takes none from the "
