@@ -276,7 +276,7 @@ def _mistyped(observed: Points, exact: FittedCurve | None = None) -> str:
     left, free = off - basis @ (basis.T @ off), 1.0 - np.sum(basis**2, axis=1)
     if exact is not None:
         reading = compass.recorded_heading(exact.coefficients, observed.recorded_deg + observed.deviation_deg)
-        left, free = angles.difference(reading, observed.recorded_deg), np.full(n, 1.0 - parameters / n)
+        left[:], free[:] = angles.difference(reading, observed.recorded_deg), 1.0 - parameters / n
     dof = n - parameters - 1
     others = np.maximum(left @ left - left**2 / free, 1e-12) / dof
     student = np.abs(left) / np.sqrt(others * free)

@@ -200,7 +200,8 @@ def _start(overlap: Overlap, form: CurveForm, priors: Priors = WEAK) -> Optimize
     prior = smooth_density(np.histogram(few.observed_deg, bins=CELLS, range=(0.0, 360.0))[0].astype(float))
     data = few.sample(START_NOISE, likelihood.COARSE, form)
     centred = DIRECTIONS_DEG - angles.mean(few.recorded_deg)
-    irons = [(0.0, 0.0), *(angles.components(strength, towards) for strength in STRENGTHS for towards in centred)]
+    irons = [angles.components(strength, towards) for strength in STRENGTHS for towards in centred]
+    irons.append(angles.components(0.0, 0.0))
     starts = [np.array([0.0, float(b), float(c), 0.0, 0.0, np.log(6.0)]) for c, b in irons]
     values = [-likelihood.log_likelihood(start, data, prior, likelihood.COARSE) for start in starts]
     states = [OptimizerState(starts[i], START_NOISE, prior) for i in np.argsort(values)[:3]]

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from compasslib import angles
 from compasslib.calibrations.curves import count_sectors
 from compasslib.calibrations.magnetometer.log import Log
-from compasslib.records import take
 from compasslib.statistics.least_squares import robust_width
 from compasslib.statistics.noise import effective_sample_size
 from compasslib.statistics.resampling import student_factor
