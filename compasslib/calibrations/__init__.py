@@ -104,7 +104,7 @@ def read_columns(
     """
     paths, named = [Path(file) for file in files], settings.get("columns") or {}
     layout, withheld = delimited.Layout.from_settings(settings), set(settings.get("withhold") or ())
-    headers = {role: str(named.get(role) or role) for role in (*needed, *optional)}
+    headers = {role: named.get(role) or role for role in (*needed, *optional)}
     withheld_roles = {role for role, header in headers.items() if {role, header} & withheld}
     for role in needed:
         if role in withheld_roles:

@@ -23,12 +23,14 @@ Pair = Annotated[tuple[Angle, Angle], values.listed(float, 2)]
 Direction = Literal["up", "down"]
 Orientations = Annotated[tuple[Direction, Direction], values.listed(Direction, 2)]
 # Headers of tables by role, needed only where they differ from the role; config/README.md has the units.
-PlatformColumns = dict[Literal["reference_deg", "recorded_deg"], values.Text]
-TiltColumns = dict[Literal["reference_tilt_deg", "recorded_pitch_deg", "recorded_roll_deg"], values.Text]
-SwingColumns = dict[Literal["compass_deg", "cog_deg", "true_deg", "speed_kn", "time_utc", "date", "clock"], values.Text]
+PlatformColumns = dict[Literal["reference_deg", "recorded_deg"], values.Column]
+TiltColumns = dict[Literal["reference_tilt_deg", "recorded_pitch_deg", "recorded_roll_deg"], values.Column]
+SwingColumns = dict[
+    Literal["compass_deg", "cog_deg", "true_deg", "speed_kn", "time_utc", "date", "clock"], values.Column
+]
 MagnetometerColumns = dict[
     Literal["x", "y", "z", "pitch_deg", "roll_deg", "heading_deg", "time_utc", "date", "clock", "temperature_c"],
-    values.Text,
+    values.Column,
 ]
 # Contributions to the uncertainty budgets of platform and tilt, defined in ``calibrations.result.ROWS``.
 Uncertainty = dict[

@@ -116,7 +116,7 @@ KINDS = (
         "a binary file written as hexadecimal text",
         None,
         rb"(?:[^\n]*\n)?[^\n]{0,80}?(?<![\w.:])(?=\d*[A-Fa-f])[\dA-Fa-f]{40}",
-        "turn the digits into bytes (xxd -r -p)",
+        "turn the digits alone, without time stamps between them, into bytes (xxd -r -p)",
     ),
     Kind("a header file of Nortek's conversion", "nortek", rb"(?i)\[[^\]\n]*\.(?:aqd|prf|wpr|vec|hdr)\]\s"),
 )
@@ -236,13 +236,13 @@ _PARTS = {  # of a time in several columns
     "second": r"ss?|sec|seconds?",
 }
 _BENCH = {
-    "reference_deg": r"reference|ref|bench|platform|table|set|true|known",
+    "reference_deg": r"reference|ref|bench|platform|table|true|known",
     "recorded_deg": r"recorded|rec|compass|heading|hdg|instrument|measured|read(?:ing)?",
 }
 _SWING = {
     "compass_deg": r"compass|heading|hdg|hdm|magnetic_?heading",
-    "cog_deg": r"cog|course(?:_?over_?ground)?|track",
-    "speed_kn": r"sog|speed(?:_?over_?ground)?",
+    "cog_deg": r"(?:\w+_)?cog|course(?:_?over_?ground)?|track",
+    "speed_kn": r"(?:\w+_)?sog|speed(?:_?over_?ground)?",
     "time_utc": _WORDS["time"],
 }
 _MAGNETOMETER = {axis: rf"(?:mag(?:netometer)?|field|b|h|m)?_?{axis}" for axis in "xyz"} | {

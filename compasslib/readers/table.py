@@ -30,7 +30,7 @@ LOSSES = {
     "rows_contradict": "rows repeat time and depth of another with other values; none of them was used",
     "directions_impossible": "headings or directions are no angles and count as missing",
     "values_flagged": "pressures, depths, tilts or temperatures are flagged as bad and count as missing",
-    "fillers": "fill values (speeds of nines only) count as missing",
+    "fillers": "fill values (speeds of nines only, or powers of ten) count as missing",
     "rows_sorted": "rows are earlier than the one before; all were put in order: check the form of the times",
 }
 
@@ -172,13 +172,14 @@ def _remove_invalid(table: dict[str, Floats]) -> dict[str, int]:
 
 
 def _fillers(table: Mapping[str, Floats], far: float = 2.0) -> Bools:
-    """Flag rows whose velocity is a fill value consisting of nines only, such as -99.9 or 9999.
+    """Flag rows whose velocity is a fill value: of nines only, such as -99.9 or 9999, or a large power of ten.
 
     It is repeated, and both components hold it or it exceeds the largest measured speed by a factor ``far``; once is
     enough where both apply.
     """
     speeds = [table[role] for role in vocabulary.FLOWS if role in table]
     known = [(10.0**n - 1.0) / 10.0**k for n in range(2, 7) for k in range(n) if (n, k) != (2, 0)]  # 9.9, 999, 99.9 ...
+    known += [1e5, 1e6, 1e34, 1e35, 1e36]
     nines = [np.isin(np.abs(column), known) for column in speeds]
     both = np.logical_and.reduce(nines) & (speeds[0] == speeds[-1]) & (len(speeds) > 1)
     candidates, alone = [both], np.zeros_like(both)

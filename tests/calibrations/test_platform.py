@@ -71,6 +71,12 @@ def test_unusable_bench_file_is_refused_in_one_line(tmp_path, text, settings, sa
     assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
+def test_columns_of_a_file_without_header_are_known_by_number(tmp_path):
+    path = write_table(tmp_path / "aqd.csv", readings(), names=("1", "2"))
+    path.write_text(path.read_text().partition("\n")[2])
+    assert platform.calibrate([path], {"columns": {"reference_deg": 1, "recorded_deg": 2}}).n == len(readings())
+
+
 def on_bench(reference=lambda x: x, recorded=lambda x: x, n=36):
     read = readings(ring(n))
     return BenchReadings(reference(read.reference_deg), recorded(read.recorded_deg))

@@ -18,7 +18,7 @@ WRITTEN = [
     (b"\xa5\x0a\xa0\x10" + bytes(range(60)), "a Nortek file"),
     (b"\xa5\x05\x18\x00AQD 9330" + bytes(40), "a Nortek file"),
     (b"n\x7f\x02\x01" + bytes(range(60)), "an RDI PD12 file"),
-    (b"7F7F940200061200" * 9, "a binary file written as hexadecimal text; turn the digits into bytes"),
+    (b"7F7F940200061200" * 9, "a binary file written as hexadecimal text; turn the digits alone"),
     (b"2013/07/24 01:26:16.123 " + b"a50518004151" * 9, "a binary file written as hexadecimal text"),
     (b"PK\x03\x04" + bytes(60) + b"xl/workbook.xml", "a file of Office (Excel, Word)"),
     (b"PK\x03\x04" + bytes(60) + b"top.000", "a packed file"),

@@ -385,6 +385,13 @@ def test_all_cf_flag_forms_are_read_and_unknown_flags_named(tmp_path, attributes
     assert bool(said) == bool(named) and named in " ".join(said) and all("flags: {" in line for line in said)
 
 
+def test_headings_are_known_by_the_standard_name_of_imos(tmp_path):
+    """imos-toolbox writes CF's aliases platform_yaw_angle, platform_pitch_angle and platform_roll_angle."""
+    with layout(tmp_path, "stglib") as nc:
+        nc["Hdg_1215"].standard_name = "platform_yaw_angle"
+    assert np.isfinite(read(tmp_path / "a.nc").heading_deg).any()
+
+
 def test_flags_of_all_variables_apply_and_orphans_are_reported(tmp_path):
     words = {"flag_values": np.array([1, 4], "i1"), "flag_meanings": "good_data bad_data"}
     with layout(tmp_path, "stglib") as nc:

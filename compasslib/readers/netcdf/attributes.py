@@ -53,7 +53,8 @@ def read_flags(file: File, variable: Variable | None) -> Flags | None:
 
 def note_unlinked(file: File) -> None:
     """Note flag variables along time that are not linked to any variable of the file."""
-    linked = {name for names in _links(file).values() for name in names}
+    links = {name: names for name, names in _links(file).items() if names}
+    linked = {*links, *(name for names in links.values() for name in names)}
     alone = [name for name, v in file.variables.items() if file.time in v.spans and _states_flags(v)]
     if alone := [name for name in alone if name == file.variables[name].source.name and name not in linked]:
         file.notes.append(
@@ -283,7 +284,8 @@ def resolve_north(file: File, north: North) -> tuple[Floats, Floats | None]:
             file.notes.append(
                 "Headings are left out, as the file does not tell the declination in them; declination_applied: "
                 "DEGREES, beside direction_reference: magnetic, takes it out of headings and velocities, "
-                "declination_applied: {heading: DEGREES, velocity: 0} out of headings alone."
+                "declination_applied: {heading: DEGREES, velocity: 0} out of headings alone, {heading: 0, velocity: "
+                "DEGREES} out of velocities alone, as where only these were rotated."
             )
         return np.zeros(()), north.heading_degrees
     if north.degrees is not None and np.any(north.degrees):
