@@ -136,6 +136,18 @@ def test_partial_turn_gives_hard_iron_but_no_soft_iron(tmp_path, rng):
     assert np.all(np.abs(np.array(found.details["hard_iron"][:2]) - true.hard[:2]) < SAFE * sigma)
 
 
+def test_modulus_in_another_unit_or_place_is_told(tmp_path, rng):
+    true = iron.Iron(np.eye(3), np.array([4.0, -2.5, 0.0]), 60.0)
+    motion = iron.level_motion(rng, 600)
+    path = log(tmp_path, iron.readings(rng, true, motion)[:, :2])
+    path.write_text(path.read_text().replace("x,y", "mag_x_nT,mag_y_nT", 1))
+    place = {"horizontal_nT": 0.5 * iron.FIELD, "vertical_nT": 0.0}  # at a dip of 60 degrees
+    for factor, told in ((1.0, False), (1.5, True)):
+        there = {key: factor * value for key, value in place.items()}
+        asked = {"columns": {"x": "mag_x_nT", "y": "mag_y_nT"}, "field": there}
+        assert any("nT by IGRF" in text for text in magnetometer.calibrate([path], asked).warnings) == told
+
+
 def test_the_fit_has_no_noise_bias(rng):
     true, draws = iron.Iron(np.diag([1.08, 0.95, 0.97]), np.array([60.0, -30.0, 45.0]), 60.0), 60
     truth = np.concatenate([true.hard / iron.FIELD, 1.0 / np.diag(true.soft), np.zeros(3)])

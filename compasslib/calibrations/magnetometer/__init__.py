@@ -27,6 +27,8 @@ from compasslib.records import take
 from compasslib.types import Bools, Floats
 
 KIND = "magnetometer"
+UNITS_NT = {"nt": 1.0, "ut": 1e3, "mg": 1e2, "g": 1e5, "gauss": 1e5}
+MOST_SCALE_ERROR = 0.2  # beyond the gain errors of magnetometers (HMC5883L: 5 %) and the mean soft iron
 NO_DIP = (
     "Hard and soft iron are determined, but their effect on the heading depends on the dip: log the tilts, or give "
     "latitude, longitude and date."
@@ -140,7 +142,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         points=_points(solved),
         details=_details(solved),
         why=FOLDED if folded else "" if known else NO_DIP,
-        warnings=(*log.warnings, *said, *_warnings(solved)),
+        warnings=(*log.warnings, *said, *_strength_warnings(solved, settings), *_warnings(solved)),
         **(_correction(solved, exact, folded=folded) if known else {}),
     )
 
@@ -216,6 +218,21 @@ def _details(solved: SolvedIron) -> dict[str, Any]:
         "modulus_residual_percent": {when: float(100.0 * x.std() / x.mean()) for when, x in moduli.items()},
         "left_out": solved.log.left_out,
     }
+
+
+def _strength_warnings(solved: SolvedIron, settings: Mapping[str, Any]) -> list[str]:
+    """Compare the modulus with that of IGRF, if the header of x states a unit."""
+    header, field = str((settings.get("columns") or {}).get("x", "")), settings.get("field")
+    unit = header.rpartition("_")[2].strip(" ])").rpartition(" ")[2].strip("[(").lower()
+    if unit not in UNITS_NT or field is None:
+        return []
+    level = solved.choice.level
+    logged = solved.choice.scale * solved.gain(solved.iron) * UNITS_NT[unit]
+    model = field["horizontal_nT"] if level else float(np.hypot(field["horizontal_nT"], field["vertical_nT"]))
+    if abs(logged / model - 1.0) < MOST_SCALE_ERROR:
+        return []
+    what = "horizontal" if level else "total"
+    return [f"The {what} field is {logged:.0f} nT by the log and {model:.0f} nT by IGRF: correct place, date or unit."]
 
 
 def _warnings(solved: SolvedIron) -> list[str]:

@@ -265,7 +265,11 @@ def _choose_level(log: Log, body: Floats) -> ModelChoice | str:
     lost = _undetermined_groups(both, LEVEL_SOFT)
     standard_errors = _standard_errors(CIRCLE, circle, readings, noise) if lost else both
     if max(standard_errors["x offset"], standard_errors["y offset"]) > MAX_STANDARD_ERROR:
-        return "The readings cover too little of a turn: not even the centre of the circle is determined."
+        return (
+            f"Not even the centre of the circle is determined, by {count_sectors(_towards(circle, readings))} of 36 "
+            f"sectors and a scatter of {100.0 * noise[0]:.0f} % of the field about it: turn all round, and check signs, "
+            "units and order of the columns of axes and tilts."
+        )
     # What turning about the vertical does not determine.
     mixed = "turning about the vertical, what the vertical field induces looks like hard iron in x and y"
     vertical = dict.fromkeys(("z offset", "S33"), "without tilts the horizontal field does not show it")
@@ -304,6 +308,11 @@ def _scaled(body: Floats, down: Floats) -> tuple[ScaledReadings, float, Floats]:
     return ScaledReadings(body / scale, down), scale, centre / scale
 
 
+def _towards(circle: FittedEllipsoid, readings: ScaledReadings) -> Floats:
+    """Compute the direction of each reading from the centre of the circle, (n,) degrees."""
+    return angles.argument((readings.field - circle.iron[:3])[:, :2] @ np.array([1.0, -1.0j]))
+
+
 def _unusable_circle(circle: FittedEllipsoid, readings: ScaledReadings, noise: float) -> str:
     """Explain why the circle fitted to the readings is unusable; empty if it is usable."""
     if noise > MAX_SCATTER:
@@ -311,7 +320,7 @@ def _unusable_circle(circle: FittedEllipsoid, readings: ScaledReadings, noise: f
             f"The readings scatter by {100.0 * noise:.0f} % about a circle or ellipse: the instrument did not turn, "
             "or its field is not the earth's with iron."
         )
-    towards = np.sort(angles.argument((readings.field - circle.iron[:3])[:, :2] @ np.array([1.0, -1.0j])))
+    towards = np.sort(_towards(circle, readings))
     arc = 360.0 - float(np.max(np.diff(towards, append=towards[0] + 360.0)))
     if arc < 120.0:
         return f"The instrument turned through {arc:.0f}°, at least 120° (a third of a turn) is needed."
