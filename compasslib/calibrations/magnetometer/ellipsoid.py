@@ -267,8 +267,8 @@ def _choose_level(log: Log, body: Floats) -> ModelChoice | str:
     if max(standard_errors["x offset"], standard_errors["y offset"]) > MAX_STANDARD_ERROR:
         return (
             f"Not even the centre of the circle is determined, by {count_sectors(_towards(circle, readings))} of 36 "
-            f"sectors and a scatter of {100.0 * noise[0]:.0f} % of the field about it: turn all round, and check signs, "
-            "units and order of the columns of axes and tilts."
+            f"sectors and a scatter of {100.0 * noise[0]:.0f} % of the field about it: turn all round, and check "
+            "signs, units and order of the columns of axes and tilts."
         )
     # What turning about the vertical does not determine.
     mixed = "turning about the vertical, what the vertical field induces looks like hard iron in x and y"
