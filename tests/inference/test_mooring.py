@@ -378,7 +378,7 @@ def test_clock_error_is_estimated_from_the_wider_pairs_if_given():
 
 def test_a_season_alone_does_not_identify_temperature():
     drawn, _ = bench.draw("control", 8, 9802)  # the logged temperature is shifted by months
-    found = diagnosed(drawn, surrogates=199)
+    found = diagnosed(drawn, surrogates=99)
     assert not any("temperature" in (one.effect, *one.alternatives) for one in found.findings)
     assert found.findings or found.unexplained is not None  # no logged series follows this iron
 

@@ -24,7 +24,6 @@ KILLS = {
 # Jobs that do not wait for each other are killed in the same run.
 KILLED = {
     "M1/work/top.nc": "job",
-    "calibrations/bench/work/points.csv": "job",
     "M1/work/pairs/wide.nc": "Snakemake",
     "usable.json": "all",
     "calibrations/bench/calibration.json": "job",
@@ -34,9 +33,7 @@ KILLED = {
     "M1/deviation.json": "all",
     "M1/histograms.csv": "job",
     "M1/gridded.nc": "Snakemake",
-    "M1/work/pictures.json": "job",
     "M1/figures/profile.png": "job",
-    "figures/curves.png": "job",
     "summary.csv": "all",
     "report.html": "job",
     "ro-crate-metadata.json": "Snakemake",
