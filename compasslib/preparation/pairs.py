@@ -23,6 +23,7 @@ from compasslib.records import BAD, PROBABLY_GOOD, EarthField, Pairs, Record, pi
 from compasslib.statistics import single_threaded
 from compasslib.types import Complexes, Floats
 
+NEARER_IN_SPEED = 0.7  # ratio of speed differences: 1.0 in eleven sound moorings, 0.4 of eh2 with a depth 3.8 m off
 ENOUGH = 30  # fewest pairs that show one recording, or a wrong frame
 # By (sign, k): the frame of the upper velocities if lower + sign * upper + k * heading (directions) is constant.
 OTHER_FRAMES = {
@@ -113,6 +114,7 @@ def find_pairs(
         return pairs
     at_m = other_depth[keep]
     pairs = find_speed_changes(pairs, paired)
+    pairs = replace(pairs, warnings=(*pairs.warnings, *_depth_by_speed(pairs, paired, at_m)))
     if rules.predict and (predicted := _predicted(pairs, paired, at_m, rules.bins)) is not None:
         return predicted
     veer = veer_of_nearest_bins(paired, at_m, rules.bins)
@@ -219,6 +221,28 @@ def _predicted(pairs: Pairs, upper: Record, depth_m: Floats, bins: int) -> Pairs
         slow_shear=prediction.veer.slow,
         warnings=(*pairs.warnings, *notes),
     )
+
+
+def _depth_by_speed(pairs: Pairs, upper: Record, depth_m: Floats) -> list[str]:
+    """Warn if the speeds of a bin are far nearer to the reference's than those of the bin nearest to its depth."""
+    off = (
+        np.where(usable_velocities(upper), np.hypot(upper.east, upper.north), np.nan) - np.abs(pairs.flows[1])[:, None]
+    )
+    known = np.isfinite(off)
+    square = np.where(known, off, 0.0) ** 2
+    misfit = np.sqrt(square.sum(axis=0) / np.maximum(known.sum(axis=0), 1))
+    misfit[known.mean(axis=0) < 0.5] = np.inf
+    with np.errstate(invalid="ignore"):
+        away_m = np.nan_to_num(np.median(np.abs(upper.bin_depth_m() - depth_m[:, None]), axis=0), nan=np.inf)
+    away_m[np.isinf(misfit)] = np.inf
+    best, near = int(np.argmin(misfit)), int(np.argmin(away_m))
+    if len(pairs) < ENOUGH or np.isinf(away_m[near]) or misfit[best] > NEARER_IN_SPEED * misfit[near]:
+        return []
+    at_m, sizes = float(np.nanmedian(upper.bin_depth_m()[:, best])), 100.0 * misfit[[best, near]]
+    return [
+        f"the speeds of the reference are far nearer to those of the bin at {at_m:.0f} m ({sizes[0]:.1f} cm/s rms) "
+        f"than to those of the bin nearest to its depth ({sizes[1]:.1f}): check its depth"
+    ]
 
 
 def _gridded(upper: Record, rules: PairRules) -> Record:

@@ -260,8 +260,11 @@ def test_a_turn_beyond_a_depth_threshold_is_attributed_to_depth():
 
 
 def test_real_water_under_a_sound_compass_is_not_attributed_to_it(tmp_path):
-    """Recorded bins (eh2), whose current at a speed differs while it rises and while it falls."""
-    made = chain.run(Path(shutil.copytree(real("cruise_eh2"), tmp_path / "c")), "E0")
+    """Recorded bins (eh2), 4 m apart, whose current at a speed differs while it rises and while it falls."""
+    folder = Path(shutil.copytree(real("cruise_eh2"), tmp_path / "c"))
+    file = folder / "config/moorings/E0.yaml"
+    file.write_text(file.read_text().replace("      depth: depth_m\n", ""))
+    made = chain.run(folder, "E0")
     found, product = made["diagnosis"], made["product"]
     assert not found["findings"] and [one["driver"] for one in found["current"]] == ["speed"]
     assert angles.rms(angles.difference(product.heading_corrected_deg, product.record.heading_deg)) < 1.5

@@ -57,6 +57,15 @@ def test_prediction_beats_the_mean_and_states_its_error():
     assert found.expected_m_s == pytest.approx(real[1], rel=0.4)
 
 
+@pytest.mark.parametrize("at", [0, 4])
+def test_a_wrong_depth_of_the_reference_is_told_with_the_bin_it_agrees_with(at):
+    top, trusted, _ = seen(MILD, layers(2))
+    velocity = {name: column[:, at : at + 1] + 0.01 for name, column in (("east", top.east), ("north", top.north))}
+    found = find_pairs(top, [replace(trusted, **velocity)], FIELD, ALL_NEAR)
+    told = f"nearer to those of the bin at {np.median(top.bin_depth_m()[:, at]):.0f} m"
+    assert any(told in text for text in found.warnings) == (at > 0)
+
+
 @pytest.mark.parametrize("coefficients", [MILD, FOLDED], ids=["mild", "folded"])
 def test_prediction_rotates_with_the_profile(coefficients):
     """Deviation, slip and drift rotate all bins alike and must be preserved completely."""
