@@ -51,6 +51,12 @@ def test_both_axes_are_recovered_for_any_sign_of_the_reference(tmp_path, sign):
     assert any("sign" in text for text in made.warnings) != np.array_equal(sign, 1.0)
 
 
+@pytest.mark.parametrize("factor", [1.0, 10.0])
+def test_tilts_in_another_unit_are_told(tmp_path, factor):
+    rows = bench(np.random.default_rng(1)) * np.array([[1.0], [factor], [factor]])
+    assert any("check the unit of both" in text for text in calibrated(tmp_path, rows).warnings) == (factor > 1.0)
+
+
 def test_oblique_and_short_runs_are_reported(tmp_path):
     foreign = calibrated(tmp_path, bench(np.random.default_rng(2)), uncertainty={"graduation_deg": 0.1})
     assert any("not of kind tilt are excluded from the budget" in text for text in foreign.warnings)
