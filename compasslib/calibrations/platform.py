@@ -342,7 +342,7 @@ def calibrate_tilt(files: Sequence[str | Path], settings: Mapping[str, Any]) -> 
     if not known.all():
         warnings.append(f"{int(np.sum(~known))} lines without reference tilt, pitch and roll are excluded")
     for axis, read in readings.items():
-        gain = np.ptp(read.reference_deg) / max(np.ptp(read.recorded_deg), 1e-9) if len(read) else 1.0
+        gain = float(np.ptp(read.reference_deg)) / max(float(np.ptp(read.recorded_deg)), 1e-9) if len(read) else 1.0
         if not 0.5 < gain < 2.0:  # no sensor is that far off
             warnings.append(f"{axis}: the platform tilts {gain:.3g} times as far as the sensor: check the unit of both")
     if skew:
