@@ -24,7 +24,7 @@ from tests.world.bench import MILD, readings, ring, write_table
 from tests.world.sea import real
 from tests.world.two_heads_files import TURNED, cast, rewritten
 
-OPTIONS = Options()
+OPTIONS = Options(surrogates=39)
 MM = np.array([-1.177, 2.023, -8.377, -4.279, 3.620, 14.721, 5.624, 15.123])  # Moncunill Marimón 2023, section 5.3
 ACM = "acm/mmp_global_A0000001.TXT"
 
@@ -88,7 +88,7 @@ def test_benches_without_effects_are_consistent_and_their_ranks_even():
 def test_a_harmonic_on_a_bench_is_identified_with_its_size(effect, cycles, n, tmp_path):
     found = bench(wave(cycles), n)
     assert (found.verdict, names(found)) == ("explained", [effect]) and found.findings[0].probability > 0.95
-    assert found.detection.rank_p == 1 / 200 and found.detection.n_surrogates == 199
+    assert found.detection.rank_p == 1 / 40 and found.detection.n_surrogates == 39
     sine = found.findings[0].parameters["sine_deg"]
     assert abs(sine.value - 2.0) < 4.0 * sine.sigma + 0.1  # fitted in the final reading, simulated in that before it
     assert sine.sigma == pytest.approx(0.3 * np.sqrt(2.0 / n), rel=0.5)
