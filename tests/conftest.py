@@ -4,6 +4,8 @@ import os
 import sys
 from pathlib import Path
 
+import pytest
+
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 os.environ.setdefault("SOURCE_DATE_EPOCH", "1700000000")  # the results of two runs are compared byte by byte
@@ -24,6 +26,12 @@ LONGEST = [
     "workflow/test_module", "workflow/test_calibrations", "pipeline", "report", "stages",
     "archive/test_provenance", "workflow",
 ]  # fmt: skip
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers():
+    """Use one worker more than cores: some tests wait, for Slurm, for Snakemake, for a browser."""
+    return (os.cpu_count() or 1) + 1
 
 
 def pytest_collection_modifyitems(items):
