@@ -16,6 +16,7 @@ from tests.world import iron, recordings, swing
 from tests.world.sea import real
 from tests.world.swing import CIRCLES, LEGS, ONE_CIRCLE, Boat
 
+OPTIONS = Options(surrogates=39)
 KNOT_M_S = 1852.0 / 3600.0
 WATER_KN = 0.8 * np.exp(0.6j)
 CURRENT = {"east_m_s": KNOT_M_S * WATER_KN.real, "north_m_s": KNOT_M_S * WATER_KN.imag}
@@ -29,7 +30,7 @@ def table(path: Path, boat: Boat) -> Path:
 
 def swung(folder: Path, boat: Boat, **settings: object) -> Diagnosis:
     path = table(folder / "swing.csv", boat)
-    return kinds.diagnose("swing", [path], {"declination": 5.0, **settings}, Options(surrogates=39))
+    return kinds.diagnose("swing", [path], {"declination": 5.0, **settings}, OPTIONS)
 
 
 def sets(found: Diagnosis) -> list[set[str]]:
@@ -113,7 +114,7 @@ def test_readings_far_apart_in_time_are_treated_as_a_bench(tmp_path):
     rows = [f"{h},{h + noise[k]:.2f},2021-05-24T11:{k:02d}:00Z" for k, h in enumerate(heading)]
     path = tmp_path / "readings.csv"
     path.write_text("\n".join(["compass_deg,true_deg,time_utc", *rows]) + "\n")
-    assert kinds.diagnose("swing", [path], {"declination": 5.0}, Options(surrogates=39)).verdict == "consistent"
+    assert kinds.diagnose("swing", [path], {"declination": 5.0}, OPTIONS).verdict == "consistent"
 
 
 def test_a_log_without_times_and_with_correlated_errors_is_refused(tmp_path):
@@ -122,7 +123,7 @@ def test_a_log_without_times_and_with_correlated_errors_is_refused(tmp_path):
     header, *rows = (line.split(",") for line in path.read_text().splitlines())
     kept = [k for k, name in enumerate(header) if not name.startswith("time")]
     path.write_text("\n".join(",".join(row[k] for k in kept) for row in (header, *rows)))
-    found = kinds.diagnose("swing", [path], {"declination": 5.0}, Options(surrogates=39))
+    found = kinds.diagnose("swing", [path], {"declination": 5.0}, OPTIONS)
     assert (found.verdict, found.findings) == ("insufficient", ()) and "share their errors" in found.why
 
 
@@ -130,16 +131,16 @@ def test_many_independent_readings_are_searched(tmp_path):
     rng, heading = np.random.default_rng(5), np.arange(0.0, 720.0, 3.0)
     wrong = heading + 4.0 * np.sin(np.deg2rad(3.0 * heading)) + rng.normal(0.0, 1.0, len(heading))
     path = iron.write(tmp_path / "bench.csv", reference_deg=heading % 360.0, recorded_deg=wrong % 360.0)
-    assert [one.effect for one in kinds.diagnose("platform", [path], {}, Options(surrogates=39)).findings] == ["sextantal"]
+    assert [one.effect for one in kinds.diagnose("platform", [path], {}, OPTIONS).findings] == ["sextantal"]
 
 
 def test_the_real_log_shows_course_lag_and_current():
     log = real("swing/2010-11-03.Taiohae.nmea")
-    found = kinds.diagnose("swing", [log], {"format": "nmea0183"}, Options(surrogates=39))
+    found = kinds.diagnose("swing", [log], {"format": "nmea0183"}, OPTIONS)
     assert sets(found) == [{"course_lag"}, {"water_drift"}]
     assert found.findings[0].held_out.rms_before_deg > 7.0 and found.findings[0].held_out.rms_after_deg < 2.0
     assert found.findings[1].parameters["drift_kn"].value == pytest.approx(0.27, abs=0.1)
-    without = kinds.diagnose("swing", [log], {"format": "nmea0183", "withhold": ["water_speed_kn"]}, Options(surrogates=39))
+    without = kinds.diagnose("swing", [log], {"format": "nmea0183", "withhold": ["water_speed_kn"]}, OPTIONS)
     assert sets(without) == [{"course_lag"}] and "two speeds" in (without.separated_by or "")
 
 
