@@ -97,6 +97,7 @@ def crate(
         actions.append(_create_action(f"stopped/{subject}", "Failed", software[maker], given))
     owned = owners(attributes)
     project = f": {attributes['project']}" if attributes.get("project") else ""
+    doi = str(attributes.get("doi", "")).rpartition("doi.org/")[2].removeprefix("doi:")
     about: list[Entity] = [
         {
             "@id": "ro-crate-metadata.json",
@@ -116,6 +117,7 @@ def crate(
             ),
             "datePublished": provenance.date_created(),
             "license": "not given",  # required by RO-Crate
+            **({"identifier": f"https://doi.org/{doi}"} if doi else {}),
             **{role: {"@id": entity["@id"]} for role, entity in owned.items()},
             "hasPart": _files(files),
             "mentions": [{"@id": action["@id"]} for action in actions],

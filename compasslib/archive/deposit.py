@@ -91,10 +91,13 @@ def deposit(cruise: Cruise, to: str | Path) -> int:
     wheel, rules = pack_wheel(), workflow_files()
     rules |= {crate.LOCK: provenance.RELEASE_FILES / crate.LOCK}
     rules |= {path.relative_to(root).as_posix(): path for path in (root / crate.FOLDER).glob("**/logs/*.json")}
+    earlier = {name: excerpt(root / name) for name in cruise.options.supersedes}
     hashed = {name: provenance.sha256(path) for name, path in rules.items()}
-    described = compose(page, attributes, hashed | {WHEEL: hashlib.sha256(wheel).hexdigest()}, root)
+    hashed |= {name: hashlib.sha256(content).hexdigest() for name, content in ({WHEEL: wheel} | earlier).items()}
+    described = compose(page, attributes, hashed, root)
     whole = next(x for x in described["@graph"] if x["@id"] == "./")
     texts: dict[str, str | bytes] = {
+        **earlier,
         METADATA: json.dumps(described, indent=1, ensure_ascii=False) + "\n",
         README: ABOUT.format(title=whole["name"], license=attributes["license"], wheel=WHEEL),
         WHEEL: wheel,
@@ -169,6 +172,16 @@ def describe_superseded(file: Path, configuration: Sequence[str], root: Path) ->
         }
 
 
+def excerpt(file: Path) -> bytes:
+    """Pack manifest and YAML files of an earlier deposit, by which a run that supersedes it can be repeated."""
+    stream, advice = io.BytesIO(), "correct supersedes in config/config.yaml"
+    with open_deposit(file, advice) as packed, zipfile.ZipFile(stream, "w") as small:
+        for name in packed.namelist():
+            if name == crate.FILE or name.startswith("config/"):
+                small.writestr(_entry(name), packed.read(name))
+    return stream.getvalue()
+
+
 @contextmanager
 def open_deposit(file: str | Path, advice: str) -> Iterator[zipfile.ZipFile]:
     """Open the ZIP of a deposit; errors of the block are those of its content."""
@@ -199,7 +212,10 @@ def compose(page: Mapping[str, Any], attributes: Mapping[str, Any], packed: Mapp
     last = _date_actions(actions, crate.owners(attributes)["author"]["@id"], root)
     for name, digest in packed.items():
         own = crate.OWN if name.startswith("workflow/") or name == WHEEL else {}
-        form = "application/json" if name.endswith(".json") else "application/zip" if name == WHEEL else "text/plain"
+        suffix = Path(name).suffix
+        form = {".json": "application/json", ".whl": "application/zip", ".zip": "application/zip"}.get(
+            suffix, "text/plain"
+        )
         about: Entity = {"@id": quote(name), "@type": "File", "name": name, "sha256": digest, "encodingFormat": form}
         entities[quote(name)] = about | own
     url = {"url": str(attributes["software_url"])} if "software_url" in attributes else {}

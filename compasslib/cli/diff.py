@@ -88,6 +88,8 @@ def compare_jobs(old: Path, new: Path) -> list[str]:
         if not (before := old / "logs" / path.name).is_file():
             continue
         was, now = read_json(before), read_json(path)
+        for side in (was, now):
+            side["parameters"].pop("superseded", None)  # the earlier deposit, itself compared with this run
         role = f"{now['of']['role']}: " if "role" in now["of"] else ""
         texts = provenance.changed_settings(was["parameters"], now["parameters"])
         raw = (file for file in sorted(was["read"].keys() & now["read"].keys()) if not file.startswith("results/"))

@@ -167,10 +167,15 @@ def _add_calibration(path: Path, form: str, table: detect.GuessedTable | None, c
     known = None not in place.values()
     if form == "iaga2002":
         kind, placed = "declination", True
-        contents.series["declination_observatory"] = ({"format": form, "files": [file]}, None, -math.inf, math.inf)
         with suppress(InputError):  # compass check will report the error
             series = iaga2002.read([path])
             placed = bool(np.isfinite(series.latitude + series.longitude))
+            logged, _, begin, end = contents.series.get(
+                "declination_observatory", ({"files": []}, None, np.inf, -np.inf)
+            )
+            span = min(begin, float(series.time_s[0])), max(end, float(series.time_s[-1]))
+            covariate = {"format": form, "files": [*logged["files"], file]}
+            contents.series["declination_observatory"] = (covariate, None, *span)
         keys |= {} if placed else place if known else dict.fromkeys(place, DECIDE)
         comments["latitude"] = "degrees north, of the observatory"
     elif form == "nmea0183":

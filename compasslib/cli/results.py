@@ -124,6 +124,9 @@ def explain(asked: Namespace) -> int:
     root, name = folder.parents[1], folder.name
     needed = {"calibration": CALIBRATION_FILES, "compass": ("compass.json", "diagnosis.json")}
     what = next((part for part in needed if (folder / f"{part}.json").is_file()), "mooring")
+    if (stopped := folder / "stopped.json").is_file():
+        advice = "correct or replace the file, and run again"
+        raise InputError(str(folder), f"a {what} that can be used", f"it stopped: {read_json(stopped)['why']}", advice)
     if files := missing_files(folder, needed.get(what, MOORING_FILES)):
         raise InputError(str(folder), f"all results of a {what}", f"no {files[0]}", "run the cruise to its end")
     with check_version(folder):

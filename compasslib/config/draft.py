@@ -185,7 +185,8 @@ def _instrument(name: str, drafted: Drafted, *, still_m: float = 0.3) -> list[st
         depth = DECIDE, "m, of the transducer; the files do not tell"
     elif (change := float(np.ptp(np.quantile(drafted.depths_m, [0.01, 0.99])))) < still_m:
         found = f"m; recorded as {drafted.depth_m:.1f} with no change beyond {change:.2g}"
-        depth = DECIDE, f"{found}: entered, or its pressure is stuck"
+        counts = "; its column counts where depth is under columns" * ("depth" in (drafted.keys.get("columns") or {}))
+        depth = DECIDE, f"{found}: entered, or its pressure is stuck{counts}"
     rows: list[Row] = [
         ("format", drafted.format, ""),
         ("files", list(drafted.files) if len(drafted.files) > 1 else drafted.files[0], ""),

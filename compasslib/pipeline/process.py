@@ -37,7 +37,7 @@ def process_mooring(cruise: str | Path, mooring: str, folder: str | Path, say: S
     Raises:
         InputError: a mistake in the cruise, a raw file that cannot be read, or a folder that already exists.
     """
-    loaded, there = load_cruise(Path(cruise)), Path(folder).absolute()
+    loaded, there = load_cruise(Path(cruise).absolute()), Path(folder).absolute()
     check_cruise(loaded)
     if mooring not in (*loaded.moorings, *loaded.whole):
         expected = f"a mooring of {cruise} ({', '.join(loaded.moorings) or 'it has none'})"

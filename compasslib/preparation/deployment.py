@@ -55,7 +55,10 @@ def apply_deployment(
     """
     time_s = to_utc(record.time_s, (start_s, end_s), clock_offset_seconds, clock_drift_seconds)
     pressure = record.pressure_dbar - pressure_offset
+    followed = f"clock_offset_seconds: {clock_offset_seconds:g} moves it there"
+    warnings = tuple(text for text in record.warnings if followed not in text)
     record = replace(record, time_s=time_s, direction_reference=direction_reference, pressure_dbar=pressure)
+    record = replace(record, warnings=warnings)
     record = _inside(record, start_s, end_s)
     profiles = {name: profile[:] for name, profile in record.profiles.items()}
     measured = {

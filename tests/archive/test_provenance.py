@@ -120,6 +120,9 @@ def test_product_states_changes_since_the_superseded_deposit(unpacked, archive):
         with netCDF4.Dataset(made / name) as nc:
             assert nc.product_version == f"{provenance.software()}; {changes}"
             assert f": {changes} (manifest sha256 {provenance.sha256(archive / crate.FILE)})" in nc.history
+    described = settings.Moorings(config.load_cruise(archive)).superseded("M1")
+    (archive / "v1.zip").write_bytes(deposit.excerpt(archive / "v1.zip"))  # as the later deposit holds it
+    assert settings.Moorings(config.load_cruise(archive)).superseded("M1") == described
     (archive / "v1.zip").write_bytes(b"none")
     with pytest.raises(InputError, match=r"v1\.zip: expected the ZIP of compass export --to rocrate"):
         settings.check_cruise(config.load_cruise(archive))

@@ -225,6 +225,7 @@ def test_real_exports_are_drafted_with_their_metadata(tmp_path, capsys):
     assert instrument["format"] == "nortek" and instrument["attributes"] == {"serial_number": "AQD 9330"}
     assert workhorse["instruments"]["top"]["orientation"] == "down" and workhorse["start"] == "DECIDE"
     assert workhorse["compromised"] == "top" and "reference" not in workhorse
+    assert "covariates" not in aquadopp and "covariates" not in workhorse  # the observatory's year is another
     hourly = yaml.safe_load((tmp_path / "new/config/calibrations/esk1980dhor.yaml").read_text())
     assert hourly["latitude"] == 65.3333  # as given, as its header has none
 

@@ -3,12 +3,15 @@
 import csv
 import shutil
 import subprocess
+from argparse import Namespace
 from pathlib import Path
 
 import pytest
 
 from compasslib.archive import crate
 from compasslib.archive.files import read_json
+from compasslib.cli.results import explain
+from compasslib.errors import InputError
 from tests.world.bench import readings, write_calibration
 from tests.world.launch import change, copied_project, jobs_in, planned, snakemake
 from tests.world.sea import cruise, pairs
@@ -96,6 +99,8 @@ def test_unusable_content_stops_only_its_mooring_in_one_pass(first):
         assert list(why) == ["stage", "why", "file", "advice"] and (why["stage"], why["file"]) == place
         assert why["why"].endswith(why["advice"]) and (name not in table or why["why"] == table[name]["warnings"])
         assert products(folder / "results" / name) == {"stopped.json"}
+    with pytest.raises(InputError, match=r"it stopped: raw/BAD/top\.000: expected an RDI PD0 file"):
+        explain(Namespace(cruise=str(folder), mooring="BAD"))
     assert "corrected.nc" in products(folder / "results/GOOD") and not (folder / "results/GOOD/stopped.json").exists()
 
 

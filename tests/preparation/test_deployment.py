@@ -166,6 +166,14 @@ def test_good_record_has_no_flags_or_warnings():
     assert not any(n for key, n in settled.counts.items() if key != "side_lobe")
 
 
+def test_advice_that_was_followed_is_not_repeated():
+    advised = replace(turning(), warnings=("its middle is 95 s later; clock_offset_seconds: -95 moves it there.",))
+    assert (
+        apply_deployment(advised, **LONG).warnings
+        and not apply_deployment(advised, **LONG, clock_offset_seconds=-95.0).warnings
+    )
+
+
 def test_unused_depth_contradicting_metadata_is_reported():
     settled = apply_deployment(replace(turning(), depth_m=np.full(60, 505.0)), **LONG)
     assert any("the file's depth of 505 m never varies and was not used" in said for said in settled.warnings)

@@ -59,7 +59,8 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
         if place is None or date_s is None:
             expected = "a number, or position and date for the model of the earth's field"
             advice = "write declination, or latitude, longitude and date"
-            raise InputError("declination", expected=expected, found="neither", advice=advice)
+            found = "no position" if place is None else "no date"
+            raise InputError("declination", expected=expected, found=found, advice=advice)
         east, level, _ = earthfield.igrf(*place, date_s)
         declination, horizontal = float(east[0]), float(level[0])
     sigma = options.declination_sigma_deg or earthfield.model_sigma(horizontal or MIDDLE_NT)
