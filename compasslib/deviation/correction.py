@@ -70,7 +70,7 @@ class CorrectedPieces:
         if record.direction_reference != "true":
             east, north = angles.turn(east, north, declination[:, None])
         corrected_east, corrected_north = angles.turn(east, north, deviation[:, None])
-        variance = np.deg2rad(np.hypot(decision.sigma_deg, self.declination_deg))[:, None] ** 2
+        variance = (angles.DEGREE * np.hypot(decision.sigma_deg, self.declination_deg))[:, None] ** 2
         across, along = angles.rotation_errors(variance)
         quality = _heading_quality(record, decision)
         worse = np.maximum(np.maximum(record.quality, GOOD), quality[:, None])
