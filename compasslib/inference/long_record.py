@@ -86,7 +86,7 @@ def _diagnose(initial: FittedModel, options: Options, fit: DeviationFit | None) 
         diagnosed,
         applied=tuple(_weighted_compass(inferred, *each) for each in inferred.weighted) if options.apply else (),
         covariance=covariance,
-        why=_limits_text(inferred.limits, options.min_effect_deg),
+        why=_limits_text(inferred.limits),
         detectable_deg=inferred.limits,
         detection=inferred.detections[0],
         prior_odds=options.prior_odds,
@@ -95,9 +95,9 @@ def _diagnose(initial: FittedModel, options: Options, fit: DeviationFit | None) 
     )
 
 
-def _limits_text(limits: Mapping[str, float | None], min_effect_deg: float) -> str:
+def _limits_text(limits: Mapping[str, float | None]) -> str:
     """State the smallest and the largest detection limit; empty without any."""
-    known = sorted((max(size, min_effect_deg), name) for name, size in limits.items() if size is not None)
+    known = sorted((size, name) for name, size in limits.items() if size is not None)
     if not known:
         return ""
     least, most = (f"{size:.1f}° rms" for size, _ in (known[0], known[-1]))
