@@ -107,6 +107,8 @@ def _compare_moorings(*folders: Path) -> tuple[str, ...]:
     (old, old_attributes), (new, new_attributes) = map(_read_product, folders)
     before, after = ({page: read_json(folder / f"{page}.json") for page in PAGES} for folder in folders)
     _, here, there = np.intersect1d(old["TIME"], new["TIME"], return_indices=True)
+    if not len(here) and len(old["TIME"]) == len(new["TIME"]):  # by order, as the clock was corrected
+        here = there = np.arange(len(old["TIME"]))
     true = [side["HEADING_CORRECTED"] + side["DECLINATION"] for side in (old, new)]
     turn = angles.difference(true[1][there], true[0][here])
     corrected = any(np.isfinite(heading).any() for heading in true)

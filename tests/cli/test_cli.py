@@ -340,6 +340,14 @@ def test_diff_reports_lost_headings_changed_flags_and_variables(runs, copied, ca
     assert "120 of 600 (1 → 3: 100, 1 → 4: 20)" in row
 
 
+def test_diff_compares_samples_by_order_if_the_clock_was_corrected(runs, copied, capsys):
+    with netCDF4.Dataset(copied / "corrected.nc", "a") as nc:
+        nc["TIME"][:] = nc["TIME"][:] + 95.0 / 86400.0
+        nc["HEADING_CORRECTED"][:] = nc["HEADING_CORRECTED"][:] + 2.0
+    assert main(["diff", str(runs / "old"), str(copied)]) == 0
+    assert capsys.readouterr().out.splitlines()[1].split()[1:3] == ["2°", "2°"]
+
+
 def test_diff_lists_moorings_that_it_cannot_compare(runs, copied, capsys):
     shutil.copytree(copied, copied.parent / "M2")
     shutil.copytree(copied, copied.parent / "M3")
