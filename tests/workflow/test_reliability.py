@@ -177,11 +177,15 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
         "held-out pairs refute the correction",
     ),
     "clock that jumps ahead": (clock(lambda i: i + 48 * (i >= 150)), "jumps ahead by days"),
-    "no overlap in depth": (said(deep__depth=505), "no two velocities are near enough in time and depth"),
+    "depth against its column": (said(deep__depth=505), "column of depths starts at 105 m, the metadata say 505 m"),
+    "no overlap in depth": (
+        said(deep__depth=505, deep__columns={"time": "time_utc", "east": "u_cm_s", "north": "v_cm_s", "scale": 0.01}),
+        "no two velocities are near enough in time and depth",
+    ),
     "a year of NaN": (table(lambda i, row: [*row[:2], "NaN", "NaN"]), "reference instrument has no usable velocity"),
     "fillers": (
         table(lambda i, row: row if i % 4 else [*row[:2], "-99.9", "-99.9"]),
-        "100 fill values (speeds of nines only)",
+        "100 fill values (speeds of nines only, or powers of ten)",
     ),
     "a longitude that lost its sign": (longitude_without_sign, "differ by a constant of -3"),
     "the other way up": (said(top__orientation="down"), "400 of 400 ensembles say that they looked up; down counts"),
