@@ -27,7 +27,7 @@ from compasslib.inference.kinds.mooring import diagnose
 from compasslib.records import EarthField, Pairs, take
 from tests.world import chain
 from tests.world import pairs as world
-from tests.world.diagnosed import HOURS, diagnosed, seen, state_of
+from tests.world.diagnosed import HOURS, diagnosed, every_second, seen, state_of
 from tests.world.pairs import red_from_rest as red_noise
 from tests.world.sea import FOLDED, pairs, plain_record, real
 
@@ -283,14 +283,14 @@ def test_a_reading_that_changes_for_a_while_is_given_no_other_driver_than_time()
 
 def test_octantal_is_selected_over_sextantal_in_narrow_headings():
     drawn, _ = bench.draw("single", 60, 70)  # narrow headings: the sextantal's columns at size 0 score higher
-    found = diagnosed(drawn)
+    found = diagnosed(every_second(drawn))
     assert set(drawn.truth) == {"octantal"}
     assert [one.effect for one in found.findings] == ["octantal"] and found.unexplained is None
 
 
 def test_an_effect_masked_by_a_current_keeps_its_weight():
     drawn, _ = bench.draw("two", 8, 9701)  # 1.5 degrees each
-    found = diagnosed(drawn)
+    found = diagnosed(every_second(drawn))
     assert set(drawn.truth) == {"heeling", "current_veer"} and found.sides["compass"] > 0.4
     weights = {one.effect: one.weight for one in found.applied}
     assert max(weights, key=lambda name: weights[name] * (name != "none")) == "heeling" and weights["heeling"] > 0.15
@@ -299,9 +299,7 @@ def test_an_effect_masked_by_a_current_keeps_its_weight():
 def test_a_slip_of_13_degrees_is_dated_and_said_of_one_of_the_two_instruments():
     """Two-hourly, in water that veers slowly by 1 degree rms; steps tried every ten days missed it."""
     made = world.make(200030, wide=False, n=8760, slow_water=world.some_slow_water(np.random.default_rng(200107)))
-    drawn, even = world.planted(made, {"heading_slip": 6.0}), np.arange(0, 8760, 2)
-    logged = {name: column[even] for name, column in drawn.covariates.items()}
-    drawn = replace(drawn, pairs=take(drawn.pairs, even), covariates=logged, heading=drawn.heading[even])
+    drawn = every_second(world.planted(made, {"heading_slip": 6.0}))
     found = diagnosed(drawn, surrogates=199)
     (finding,) = found.findings
     assert found.verdict == "ambiguous" and found.detection.rank_p == 0.005
@@ -381,7 +379,7 @@ def test_clock_error_is_estimated_from_the_wider_pairs_if_given():
 
 def test_a_season_alone_does_not_identify_temperature():
     drawn, _ = bench.draw("control", 8, 9802)  # the logged temperature is shifted by months
-    found = diagnosed(drawn, surrogates=99)
+    found = diagnosed(every_second(drawn), surrogates=99)
     assert not any("temperature" in (one.effect, *one.alternatives) for one in found.findings)
     assert found.findings or found.unexplained is not None  # no logged series follows this iron
 

@@ -11,6 +11,7 @@ from compasslib import angles
 from compasslib.inference.comparison import Options
 from compasslib.inference.kinds.mooring import diagnose
 from tests.world import pairs as world
+from tests.world.diagnosed import every_second
 
 HOURS, MEMORY_H = 6000, 480.0
 
@@ -25,6 +26,7 @@ def told(size_deg, seed, slip_deg=0.0):
     veer, _ = lfilter([1.0], [1.0, -keep], kicks, zi=[keep * size_deg * rng.normal()])
     east, north = angles.turn(drawn.pairs.lower_east, drawn.pairs.lower_north, veer)
     drawn = replace(drawn, pairs=replace(drawn.pairs, lower_east=east, lower_north=north))
+    drawn = every_second(drawn)
     return diagnose(drawn.pairs, drawn.covariates, fitted(drawn), field_of(drawn), Options(surrogates=99))
 
 

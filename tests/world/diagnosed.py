@@ -8,6 +8,7 @@ from benchmarks.discrepancy import field_of, fitted
 from compasslib.inference import design
 from compasslib.inference.comparison import Options, compare_pairs
 from compasslib.inference.kinds.mooring import diagnose
+from compasslib.records import take
 from tests.world import pairs as world
 
 HOURS = 4000
@@ -17,6 +18,13 @@ FEWEST = Options(surrogates=39)  # a fifth of the default: an effect exceeds all
 def seen(wanted, seed=1, **options):
     drawn = world.planted(world.make(seed, wide=True, n=HOURS), wanted)
     return drawn, diagnosed(drawn, **options)
+
+
+def every_second(drawn):
+    """Take every second sample: two-hourly."""
+    even = np.arange(0, len(drawn.pairs), 2)
+    logged = {name: column[even] for name, column in drawn.covariates.items()}
+    return replace(drawn, pairs=take(drawn.pairs, even), covariates=logged, heading=drawn.heading[even])
 
 
 def diagnosed(drawn, **options):
