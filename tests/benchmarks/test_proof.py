@@ -13,7 +13,7 @@ from benchmarks.proof import run, score, seal, tally
 from benchmarks.proof.world import compass, draw, families, records, scene, seas
 from compasslib.effects import SIDES
 
-HOURS, SEED = 800, 3
+HOURS, SEED = 500, 3
 FILES = ("scorecard.json", "scorecard.md", "targets.csv", "every_mooring.csv", "seal.json", "left.json")
 
 

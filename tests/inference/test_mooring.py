@@ -341,7 +341,7 @@ def test_clock_error_refuted_by_held_out_directions_only_warns(monkeypatch):
     drawn = world.planted(world.make(5, wide=True, n=HOURS), {})
     wrong = mooring.ClockError(-9.0, 0.0, 0.1, 0.1, True, False)
     monkeypatch.setattr(mooring, "estimate_clock_error", lambda pairs: wrong)
-    found = diagnosed(drawn, surrogates=199)
+    found = diagnosed(drawn)
     assert not [one for one in found.findings if one.side == "clock"]
     assert "held-out directions then agree less" in found.warnings[0] and found.to_json()["warnings"]
 
@@ -477,7 +477,7 @@ def test_each_battery_has_its_own_iron(monkeypatch):
     monkeypatch.setattr(world, "effect", lambda *asked: iron)
     monkeypatch.setattr(world, "visible", lambda *asked: 1.0)
     drawn = world.planted(here, {"battery_change": 1.0})
-    found = diagnosed(drawn, surrogates=199)
+    found = diagnosed(drawn)
     (finding,) = found.findings
     assert finding.effect == "battery_change" and finding.applied
     sizes = {name: one.value / 1.3 for name, one in finding.parameters.items()}
