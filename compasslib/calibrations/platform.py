@@ -63,7 +63,7 @@ def calibrate(files: Sequence[str | Path], settings: Mapping[str, Any]) -> Calib
     rows, missing = result.sources(given, settings.get("budget"))
     step = float(settings.get("table_step_deg", 10.0))
     fitted = calibrate_readings(BenchReadings(reference, recorded), rows, table_step_deg=step)
-    doubts = _unit_doubts(columns["reference_deg"][known], columns["recorded_deg"][known])
+    doubts = _column_doubts(columns["reference_deg"][known], columns["recorded_deg"][known])
     if shift := fitted.details.get("constant_shift"):
         doubts += _constant_doubts(shift["value_deg"], shift["sigma_deg"], settings.get("declination_deg"))
     if settings.get("budget") == result.LE_MENN and given.get("field_deg") is None and fitted.model != "none":
@@ -99,7 +99,7 @@ def measure_homogeneity(
     return {"max_deg": largest, "mean_deg": mean, "text": text}
 
 
-def _unit_doubts(reference_deg: Floats, recorded_deg: Floats) -> list[str]:
+def _column_doubts(reference_deg: Floats, recorded_deg: Floats) -> list[str]:
     """Say where headings may be gradians, or only the recorded ones are round numbers, as a platform is set to."""
     if 360.0 < np.max([*reference_deg, *recorded_deg], initial=0.0) < 400.0:
         return ["headings between 360 and 400, and none beyond: they may be gradians, of which 400 are a turn"]
@@ -118,7 +118,7 @@ def _constant_doubts(value: float, sigma: float, declination_deg: float | None) 
         signs = {"": 1.0, " with the other sign": -1.0}
         alike = [text for text, sign in signs.items() if abs(value - sign * declination_deg) < near]
         reasons = [f"it is the declination, {declination_deg:+.1f}{text}: reference_deg may be true" for text in alike]
-    if abs(value) > 5.0:  # larger than the alignment errors of benches and mounts
+    if abs(value) > result.ALIGNMENT_DEG:
         reasons.append("the instrument may have stood turned, or reference_deg is true")
     text = f"a constant of {value:+.1f} degrees, which turns all headings alike: {'; '.join(reasons)}"
     return [text] if reasons else []
@@ -161,7 +161,8 @@ def calibrate_readings(
         coefficients = {"coefficients": np.append(chosen.coefficients, [np.nan, np.nan]), "covariance": unknown}
     if exact := fitted.get(EXACT.name):
         coefficients |= {"exact": exact.coefficients, "exact_covariance": exact.covariance}
-    rows = (*sources, _fit_residual(chosen), *_repeatability(readings, points["residual_deg"], chosen))
+    sources = (*sources, *_repeatability(readings, points["residual_deg"], chosen))
+    rows = (*sources, _fit_residual(chosen))
     heading = np.arange(0.0, 360.0, table_step_deg)
     deviation, sigma = chosen.deviation(heading), np.hypot(chosen.sigma(heading), result.common(rows))
     return replace(

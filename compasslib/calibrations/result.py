@@ -29,6 +29,7 @@ PLATFORM, TILT = "platform", "tilt"
 DIPOLE = 3.0  # exponent of the decrease with distance
 FAR_SIZES = 2.0  # distance, in sizes of the object, beyond which it may be a dipole
 SAFE_DEG = 0.5  # harmless change of the deviation
+ALIGNMENT_DEG = 5.0  # errors of the alignment of benches, mounts and the compasses of ships are smaller
 
 
 @dataclass(frozen=True)

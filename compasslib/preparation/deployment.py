@@ -57,8 +57,9 @@ def apply_deployment(
     pressure = record.pressure_dbar - pressure_offset
     followed = f"clock_offset_seconds: {clock_offset_seconds:g} moves it there"
     warnings = tuple(text for text in record.warnings if followed not in text)
-    record = replace(record, time_s=time_s, direction_reference=direction_reference, pressure_dbar=pressure)
-    record = replace(record, warnings=warnings)
+    record = replace(
+        record, time_s=time_s, direction_reference=direction_reference, pressure_dbar=pressure, warnings=warnings
+    )
     record = _inside(record, start_s, end_s)
     profiles = {name: profile[:] for name, profile in record.profiles.items()}
     measured = {

@@ -23,7 +23,7 @@ from compasslib.records import BAD, PROBABLY_GOOD, EarthField, Pairs, Record, pi
 from compasslib.statistics import single_threaded
 from compasslib.types import Complexes, Floats
 
-NEARER_IN_SPEED = 0.7  # ratio of speed differences: 1.0 in eleven sound moorings, 0.4 of eh2 with a depth 3.8 m off
+NEARER_IN_SPEED = 0.7  # ratio of speed differences: 1.0 in the demonstration, 0.4 of eh2 with a depth 3.8 m off
 ENOUGH = 30  # fewest pairs that show one recording, or a wrong frame
 # By (sign, k): the frame of the upper velocities if lower + sign * upper + k * heading (directions) is constant.
 OTHER_FRAMES = {

@@ -205,7 +205,8 @@ def _is_text(head: bytes) -> bool:
 _UNIT = re.compile(
     r"[\[(][^\])]*[\])]|_(?:m|metres?|deg|degrees?|dbar|c|degc|utc|gmt|kn|knots|nt|ut|counts)$|°|\s+utc$"
 )
-_NORTH = re.compile(r"(?<=\w)[\s_]+\(?(?:true|magnetic)\)?$")  # Ve true; direction (magnetic)
+# Ve true, direction (magnetic); of a heading, the north tells a compass from a course.
+_NORTH = re.compile(r"^(?!.*(?:head|hdg|compass))(.*\w)[\s_]+\(?(?:true|magnetic)\)?$")
 _FLOW = r"(?:velocity|vel|current|cur|comp|component|water)?"
 _WORDS = {
     "time": r"(?:(?:record|sampl(?:e|ing)|measurement|observation|ensemble|utc|gmt)_?)?(?:date)?_?times?"
@@ -327,7 +328,7 @@ def guess_from_names(names: Sequence[str], below: Sequence[Sequence[str]] = ()) 
 def match_roles(names: Iterable[str], words: Mapping[str, str] = _WORDS) -> dict[str, str]:
     """Match headers to roles: the first header that fits each role, used only once except for ``clock``."""
     unitless = {name: vocabulary.SPEED_END.sub("", _UNIT.sub("", name.strip().lower()).strip()) for name in names}
-    unitless = {name: _NORTH.sub("", text) for name, text in unitless.items()}
+    unitless = {name: _NORTH.sub(r"\1", text) for name, text in unitless.items()}
     plain = {name: re.sub(r"[\W_]+", "_", text).strip("_") for name, text in unitless.items()}
     roles: dict[str, str] = {}
     for role, pattern in words.items():

@@ -39,7 +39,7 @@ def processed(tmp_path_factory):
     folder = cruise(tmp_path_factory.mktemp("cruise"), ("M1",), n=SAMPLES)
     (folder / "config/config.yaml").write_text(
         "diagnose: {enabled: false}\nattributes: {project: Größe, institution: Sea, principal_investigator: A. Fram,"
-        " license: CC-BY-4.0, publisher_url: https://example.org/}\n"
+        " license: CC-BY-4.0, publisher_url: https://example.org/, doi: 10.1/x}\n"
     )
     return completed(folder, drawn=False)
 
@@ -200,6 +200,7 @@ def test_crate_satisfies_its_profiles_and_lists_every_file(processed):
     assert root["@type"] == "Dataset" and entities[ids(root["conformsTo"])[0]]["@type"] == "CreativeWork"
     assert ids(root["conformsTo"])[0].startswith("https://w3id.org/ro/wfrun/process/")
     assert all(root[key] for key in ("name", "description", "datePublished", "license"))
+    assert root["identifier"] == "https://doi.org/10.1/x"
     assert set(ids(root["hasPart"])) == {entity["@id"] for entity in of_type(page, "File")}
     assert ids(root["mentions"]) == [action["@id"] for action in of_type(page, "CreateAction")]
     for action in of_type(page, "CreateAction"):

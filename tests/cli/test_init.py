@@ -203,6 +203,8 @@ def test_folder_without_exports_is_refused_in_one_line(tmp_path, capsys):
         ("time_utc,pressure_dbar", "pressure", None),
         ("Record Time,Abs Speed[cm/s],Direction[Deg.M],North[cm/s],East[cm/s]", "instrument", 0.01),
         ("Sample Time (UTC),Velocity_E (m/s),Velocity_N (m/s)", "instrument", 1.0),
+        ("time_utc,Ve true [cm/s],Vn true [cm/s]", "instrument", 0.01),
+        ("Heading,SET,DRIFT,Ext_COG,Ext_SOG", "swing", None),
     ],
 )
 def test_table_kind_is_recognized_from_its_header(header, kind, scale):
@@ -210,7 +212,7 @@ def test_table_kind_is_recognized_from_its_header(header, kind, scale):
     assert (found.kind, found.scale) == (kind, scale) and set(found.columns.values()) <= set(header.split(","))
 
 
-@pytest.mark.parametrize("header", ["foo,bar", "time,a,b", "u,v", "x,y,heading"])
+@pytest.mark.parametrize("header", ["foo,bar", "time,a,b", "u,v", "x,y,heading", "heading true,cog"])
 def test_ambiguous_header_is_not_recognized(header):
     assert detect.guess_from_names(header.split(",")) is None
 

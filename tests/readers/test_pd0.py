@@ -585,13 +585,7 @@ def test_heading_bias_is_removed_from_headings_and_earth_velocities(coordinates:
 
 
 DECLINATIONS = [  # declination_applied, coordinates, degrees taken from headings and from velocities, warning
-    (
-        -15.0,
-        EARTH,
-        -15.0,
-        -15.0,
-        "declination_applied of -15 degrees was taken out of the directions, although the file",
-    ),
+    (-15.0, EARTH, -15.0, -15.0, "declination_applied of -15 degrees was taken out of the directions, although"),
     (20.005, EARTH, 20.005, 20.005, ""),
     (20.0, BEAM, 20.0, 20.0, ""),
     ({"heading": 20.0, "velocity": 0.0}, BEAM, 20.0, 20.0, "{heading: 20, velocity: 0} degrees was taken out"),

@@ -223,7 +223,7 @@ def _details(solved: SolvedIron) -> dict[str, Any]:
 def _strength_warnings(solved: SolvedIron, settings: Mapping[str, Any]) -> list[str]:
     """Compare the modulus with that of IGRF, if the header of x states a unit."""
     header, field = str((settings.get("columns") or {}).get("x", "")), settings.get("field")
-    unit = header.rpartition("_")[2].strip(" ])").rpartition(" ")[2].strip("[(").lower()
+    unit = header.rpartition("_")[2].lower()
     if unit not in UNITS_NT or field is None:
         return []
     level = solved.choice.level

@@ -16,7 +16,7 @@ import numpy as np
 
 from compasslib import angles, earthfield
 from compasslib.calibrations.curves import count_sectors
-from compasslib.calibrations.result import Calibration, Source
+from compasslib.calibrations.result import ALIGNMENT_DEG, Calibration, Source
 from compasslib.calibrations.swing import adjustment, model, observations
 from compasslib.calibrations.swing.model import COURSE, LAG, SERIES, Swing, SwingFit, set_and_drift
 from compasslib.calibrations.swing.observations import Observations, SwingOptions
@@ -39,9 +39,7 @@ BUDGET = {  # rows of the budget by block or parameter with a prior, and their o
 }
 REMEDY = "swing 16 to 24 headings round the full circle"
 MIDDLE_NT = 18_000.0  # horizontal field of middle latitudes
-LEAST_DRIFT_KN = 0.1  # the scatter of one that is excluded
-LARGEST_A_DEG = 5.0  # of the mounting of a compass
-MOST_SCATTER_DEG = 15.0  # of courses about the curve; real swings: 1 to 4
+MOST_SCATTER_DEG = 15.0  # of courses about the curve; three real swings: 1.6 to 3.9
 YEAR_S = 366.0 * DAY_S  # in which the declination changes by some tenths of a degree
 
 
@@ -275,7 +273,7 @@ def _warnings(swing: Swing, series: SwingFit, exact: SwingFit, drift: Mapping[st
         ),
         str(drift and drift["text"]): drift and not drift["separable"],
         f"the estimated drift exceeds the {widest:g} kn that are allowed: raise max_drift_kn if that is possible": (
-            water and swing.has_speed and set_and_drift(series.parameters)[1] > max(widest, LEAST_DRIFT_KN)
+            water and swing.has_speed and set_and_drift(series.parameters)[1] > widest > 0.0
         ),
         f"the mark lies in the quadrant of {', '.join(sorted(marked))} and D comes from {', '.join(steered)} "
         "alone, so that an error of D by higher harmonics enters B and C: steer the quadrantal course of the "
@@ -320,4 +318,4 @@ def _constant_warnings(swing: Swing, series: SwingFit) -> list[str]:
         and min(abs(constant), abs(declination)) > max(2.0, near)
     ]
     large = f"A is {constant:+.1f}°, which turns all headings alike: check position, date, and how the compass stands"
-    return alike or [large] * (abs(constant) > max(LARGEST_A_DEG, near))
+    return alike or [large] * (abs(constant) > max(ALIGNMENT_DEG, near))

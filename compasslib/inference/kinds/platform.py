@@ -71,7 +71,7 @@ def diagnose_readings(
             "times of a swing, every 10 s or more often, or give one mean reading a heading",
             UNTESTED,
         )
-    headings = len(np.unique(np.round(angles.wrap360(correct_deg) / platform.SAME_HEADING_DEG)))
+    headings = len(np.unique(platform.BenchReadings(correct_deg, recorded_deg).heading_slots))
     if headings < FEWEST_HEADINGS:
         return diagnosis.insufficient(
             f"{headings} headings determine at most {headings} coefficients and five are the curve's: the third and "
