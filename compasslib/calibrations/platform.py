@@ -206,14 +206,21 @@ def _fit_residual(curve: FittedCurve) -> Source:
 
 
 def _repeatability(readings: BenchReadings, residual_deg: Floats, curve: FittedCurve) -> list[Source]:
-    """Compute by how much repeats disagree beyond the scatter of their means about the curve, if there are any."""
+    """Compute by how much repeats disagree beyond the scatter of their means about the curve, if there are any.
+
+    0 where an F test at 5 % shows no excess: sound repeats would widen the uncertainty by half of their noise.
+    """
+    from scipy.special import fdtrc  # imported late: only needed for repeats
+
     slot = readings.heading_slots
     count = np.bincount(slot)
     if not (count > 1).any():
         return []
     off = residual_deg - (np.bincount(slot, residual_deg) / count)[slot]
-    within = float(off @ off) / (len(slot) - len(count))
-    beyond = max(within - float(np.mean(count)) * curve.scatter_deg**2, 0.0)
+    free, expected = len(slot) - len(count), float(np.mean(count)) * curve.scatter_deg**2
+    within = float(off @ off) / free
+    shown = fdtrc(free, curve.dof, within / max(expected, 1e-12)) < 0.05
+    beyond = max(within - expected, 0.0) if shown else 0.0
     return [Source("repeats", float(np.sqrt(beyond)), "disagreement of repeated headings beyond the scatter")]
 
 
