@@ -1,6 +1,7 @@
 """Covariates of the search: logged series, and quantities derived from them and the pairs.
 
-No covariate is derived from the lower direction alone: it would share its noise with the residual and always alarm.
+No covariate is derived from the lower direction alone: it would share its noise with the residual and always alarm. The
+heading of the reference follows that direction where the instrument points along the flow.
 """
 
 from __future__ import annotations
@@ -8,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.ndimage import convolve1d
 
 from compasslib import angles
 from compasslib.deviation.model import pair_speeds
 from compasslib.effects.effect import DAY_S, HOUR_S
 from compasslib.preparation.pairs import mean_of_nearest_bins
 from compasslib.records import MAGNETOMETER, Pairs, Record
-from compasslib.types import Floats
+from compasslib.types import Complexes, Floats
 
 TILT_CORRECTIONS = ("lean_pitch", "lean_roll")  # true minus recorded tilt, degrees
 NEAR_CELLS = 2  # nearest bins, whose mean is taken as the velocity at the instrument
@@ -199,18 +200,24 @@ def departures(
     result = {name: column - references.get(name, 0.0) for name, column in covariates.items()}
     if np.any(rate := turn_rate(pairs.heading_deg, pairs.time_s)):
         result["turn_rate"] = rate
-    result |= _flow_departures(pairs, np.nan_to_num(angles.difference(heading_deg, pairs.heading_deg)))
+    turned = angles.turn(
+        pairs.upper_east, pairs.upper_north, np.nan_to_num(angles.difference(heading_deg, pairs.heading_deg))
+    )
+    velocity = _complex(*turned), _complex(pairs.lower_east, pairs.lower_north)
+    both = _mean_flow(*velocity)
+    result |= _flow_departures(pairs, velocity, both)
     if "flow_east" in result:
         upper, lower = (running_mean(speed, pairs.time_s, SPEED_SPAN_S) for speed in pair_speeds(pairs))
         true_heading = np.where(np.isfinite(heading_deg), heading_deg, pairs.heading_deg) + pairs.declination_deg
-        result |= _body_frame_flow(true_heading, upper, result, "body")
-        if "reference_heading" in covariates:
-            result |= _body_frame_flow(
-                covariates["reference_heading"] + pairs.declination_deg, lower, result, "reference"
-            )
+        result |= _body_frame_flow(_waves(true_heading, 2), upper, result, "body")
     if "reference_heading" in covariates:
-        for name, wave in zip(("sine", "cosine"), angles.sin_cos(covariates["reference_heading"]), strict=True):
-            result[f"reference_{name}"] = wave - wave.mean()
+        waves = _waves(covariates["reference_heading"], 2)
+        if "flow_east" in result:
+            waves = _independent_waves(waves, velocity[1], both, _flow_waves(result))
+            to_true = _waves(pairs.declination_deg, 2)
+            result |= _body_frame_flow(waves * to_true, lower, result, "reference")
+        wave = waves[:, 0] - waves[:, 0].mean()
+        result |= {"reference_sine": wave.imag, "reference_cosine": wave.real}
     if (index := storm_index(covariates)) is not None:
         result["storm_index"] = index
     if "pitch" in result or "roll" in result:
@@ -259,17 +266,12 @@ def battery_count(voltage: Floats, least_rise: float = 0.3) -> Floats:
     return number
 
 
-def _flow_departures(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
-    """Predict the direction of the flow from neighbouring hours, its rate of turn, and the turn by mooring motion.
+def _mean_flow(upper: Complexes, lower: Complexes) -> Complexes:
+    """Average two velocities, (n,) east + i north, so that their noise and their slow shear are not in the mean.
 
     The directional noise of both instruments is part of the residual too, and a regressor must not contain it. Slow
-    shear cancels in the mean of the two velocities, sample-to-sample noise in their mean weighted by the noise of each,
-    and the noise of neighbouring hours is mostly removed by the residual's whitening filter. Since such a prediction is
-    attenuated, it is scaled by a regression of the observed direction on it (first stage of two-stage least squares),
-    which keeps the size of a veer with direction unbiased.
+    shear cancels in the mean of the two velocities, sample-to-sample noise in their mean weighted by the noise of each.
     """
-    upper = _complex(*angles.turn(pairs.upper_east, pairs.upper_north, deviation_deg))
-    lower = _complex(pairs.lower_east, pairs.lower_north)
     # With the lower instrument's noise share as weight of the upper, the noise of mean and difference is uncorrelated.
     a, b = np.diff(upper, 2), np.diff(lower, 2)
     common = float(np.real(np.mean(a * np.conj(b))))
@@ -279,7 +281,21 @@ def _flow_departures(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
     reach = min(len(apart), 2 * SHEAR_REACH + 1)
     nearby = np.ones(reach)
     smooth = np.convolve(apart, nearby, "same") / np.convolve(np.ones(len(apart)), nearby, "same")
-    both = (upper + lower) / 2.0 + (share - 0.5) * (apart - smooth)
+    return np.asarray((upper + lower) / 2.0 + (share - 0.5) * (apart - smooth))
+
+
+def _flow_departures(pairs: Pairs, velocity: tuple[Complexes, Complexes], both: Complexes) -> dict[str, Floats]:
+    """Predict the direction of the flow from neighbouring hours, its rate of turn, and the turn by mooring motion.
+
+    The noise of neighbouring hours is mostly removed by the residual's whitening filter. Since such a prediction is
+    attenuated, it is scaled by a regression of the observed direction on it (first stage of two-stage least squares),
+    which keeps the size of a veer with direction unbiased.
+
+    Args:
+        velocity: of both instruments, (n,) each, m/s east + i north.
+        both: their mean.
+    """
+    upper, lower = velocity
     around = _predict_from_neighbours(both, pairs.time_s)
     angle = np.clip(np.angle(upper * np.conj(lower)), -CLIPPED_RAD, CLIPPED_RAD)
     angle = angle - angle.mean()
@@ -300,60 +316,101 @@ def _flow_departures(pairs: Pairs, deviation_deg: Floats) -> dict[str, Floats]:
     flow_turn[2:-2] = np.where(np.ptp(hours, axis=1) <= 4.5, turn, 0.0)
     result = {"excursion_turn": across, "flow_turn": flow_turn}
     if np.any(predicted):
-        result |= dict(zip(FLOW_NAMES, predicted.T, strict=True))
+        parts = (part for wave in predicted.T for part in (wave.imag, wave.real))
+        result |= dict(zip(FLOW_NAMES, parts, strict=True))
     return result
 
 
-def _body_frame_flow(
-    heading_deg: Floats, speed: Floats, of_flow: Mapping[str, Floats], whose: str
-) -> dict[str, Floats]:
+def _independent_waves(waves: Complexes, lower: Complexes, both: Complexes, flow: Complexes) -> Complexes:
+    """Remove from the waves of the reference's heading, (n, k), what follows the water at that time and its own depth.
+
+    A vane, or an instrument with a fin, points along its own water. Its heading then contains the shear between the two
+    depths, which is in the residual too, so that any function of it would explain a part of the residual. Each wave is
+    regressed on the predicted direction of the flow, on the departure of its own flow from the mean one, at the sample
+    and on average over the samples around, and on what the prediction lacks; the part by the latter three is removed
+    (control function: Wooldridge, J. Hum. Resour. 50, 420, 2015). It follows them by no more than its own flow as a
+    whole, so that an instrument that turns independently keeps its waves.
+
+    Args:
+        lower: velocity at the reference, (n,) east + i north.
+        both: mean of both velocities, (n,).
+        flow: waves of the predicted direction, (n, 4).
+    """
+    own, mean, window = _harmonics(lower), _harmonics(both), np.ones(2 * SHEAR_REACH + 1) / (2 * SHEAR_REACH + 1)
+    others, result = np.column_stack([flow, np.ones(len(flow))]), np.empty_like(waves)
+    for k, wave in enumerate(waves.T):
+        apart, alignment = own[:, k] - mean[:, k], np.mean(wave * np.conj(own[:, k]))
+        around = convolve1d(apart, window, mode="nearest")
+        departures = alignment * np.column_stack([apart, around, mean[:, k] - flow[:, k]])
+        columns = np.column_stack([departures, wave])
+        by_flow, *_ = np.linalg.lstsq(others, columns, rcond=None)
+        left = np.ascontiguousarray((columns - others @ by_flow).T).view(float)
+        shares, *_ = np.linalg.lstsq(left[:-1].T, left[-1], rcond=None)
+        result[:, k] = wave - departures @ np.clip(shares, 0.0, 1.0)
+    return result
+
+
+def _body_frame_flow(waves: Complexes, speed: Floats, of_flow: Mapping[str, Floats], whose: str) -> dict[str, Floats]:
     """Compute sine and cosine of the flow's angle in the body frame divided by speed, and the sine of twice the angle.
 
-    The heading is relative to true north, the speed averaged over some hours, the direction of the flow predicted.
+    The waves, (n, 2), are of headings relative to true north, the speed is averaged over some hours.
     """
-    (sine, cosine), (sine2, cosine2) = (angles.sin_cos(k * heading_deg) for k in (1.0, 2.0))
-    east, north, flow_sine2, flow_cosine2 = (of_flow[name] for name in FLOW_NAMES[:4])
-    slow = np.maximum(speed, SLOWEST_M_S)
+    body = _flow_waves(of_flow)[:, :2] * np.conj(waves)
+    scaled = body[:, 0] / np.maximum(speed, SLOWEST_M_S)
     return {
-        f"{whose}_flow_sine": (east * cosine - north * sine) / slow,
-        f"{whose}_flow_cosine": (north * cosine + east * sine) / slow,
-        f"{whose}_flow_sine2": flow_sine2 * cosine2 - flow_cosine2 * sine2,
+        f"{whose}_flow_sine": scaled.imag,
+        f"{whose}_flow_cosine": scaled.real,
+        f"{whose}_flow_sine2": body[:, 1].imag,
     }
 
 
-def _harmonics(flow: NDArray[np.complex128]) -> Floats:
-    """Compute sine and cosine of the flow's direction and of its multiples up to four, (n, 8); 0 without velocity."""
-    direction = angles.direction(flow.real, flow.imag)
-    waves = np.column_stack([wave for k in range(1, 5) for wave in angles.sin_cos(k * direction)])
-    return np.where(np.abs(flow)[:, None] > 0.0, waves, 0.0)
+def _flow_waves(of_flow: Mapping[str, Floats]) -> Complexes:
+    """Get the waves of the predicted direction of the flow, (n, 4)."""
+    sines, cosines = ([of_flow[name] for name in FLOW_NAMES[k::2]] for k in (0, 1))
+    return _complex(np.array(cosines), np.array(sines)).T
 
 
-def _scale_prediction(harmonics: Floats, around: Floats, memory: float) -> Floats:
-    """Scale predicted harmonics by regressing the observed ones on them, lag-one autocorrelation removed, (n, k)."""
-    x, z = (series[1:] - memory * series[:-1] for series in (harmonics, around))
+def _waves(angle_deg: Floats, count: int) -> Complexes:
+    """Compute cosine + i sine of an angle and of its multiples, (n, count)."""
+    return angles.phasor(np.multiply.outer(angle_deg, np.arange(1, count + 1)))
+
+
+def _harmonics(flow: Complexes) -> Complexes:
+    """Compute the waves of the flow's direction, (n, 4); 0 without velocity."""
+    return np.where(np.abs(flow)[:, None] > 0.0, _waves(angles.direction(flow.real, flow.imag), 4), 0.0)
+
+
+def _scale_prediction(waves: Complexes, around: Complexes, memory: float) -> Complexes:
+    """Scale predicted waves by regressing the observed ones on them, lag-one autocorrelation removed, (n, k)."""
+    observed, predicted = (each.view(float) for each in (waves, around))
+    x, z = (series[1:] - memory * series[:-1] for series in (observed, predicted))
     known = np.any(around[1:], axis=1) & np.any(around[:-1], axis=1)
     if not known.any():
         return around
     x, z = (series[known] - series[known].mean(axis=0) for series in (x, z))
     shares, *_ = np.linalg.lstsq(z, x, rcond=FAINTEST)
-    scaled = around @ shares
-    return np.asarray(scaled + (np.mean(harmonics, axis=0) - np.mean(scaled, axis=0)))
+    scaled = predicted @ shares
+    return np.asarray(scaled + (np.mean(observed, axis=0) - np.mean(scaled, axis=0))).view(complex)
 
 
-def _predict_from_neighbours(flow: NDArray[np.complex128], time_s: Floats) -> NDArray[np.complex128]:
-    """Predict the flow by least squares from samples some hours before and after; 0 where these are missing."""
-    result, most = np.zeros(len(flow), dtype=complex), NEIGHBOURS[-1]
+def _predict_from_neighbours(flow: Complexes, time_s: Floats) -> Complexes:
+    """Predict the flow by least squares from samples some hours before and after; 0 where these are missing.
+
+    A record whose samples are further apart, as of a profiler, is returned as it is.
+    """
+    most = NEIGHBOURS[-1]
     inside = np.arange(most, len(flow) - most)
     inside = inside[time_s[inside + most] - time_s[inside - most] <= (2 * most + 0.5) * HOUR_S]
-    if len(inside) > FEWEST_FITTED:
-        others = [flow[inside + side * apart] for apart in NEIGHBOURS for side in (-1, 1)]
-        columns = np.column_stack([*others, np.ones(len(inside))])
-        weights, *_ = np.linalg.lstsq(columns, flow[inside], rcond=None)
-        result[inside] = columns @ weights
+    if len(inside) <= FEWEST_FITTED:
+        return flow
+    others = [flow[inside + side * apart] for apart in NEIGHBOURS for side in (-1, 1)]
+    columns, result = np.column_stack([*others, np.ones(len(inside))]), np.zeros(len(flow), dtype=complex)
+    weights, *_ = np.linalg.lstsq(columns, flow[inside], rcond=None)
+    result[inside] = columns @ weights
     return result
 
 
-def _complex(east: Floats, north: Floats) -> NDArray[np.complex128]:
+def _complex(east: Floats, north: Floats) -> Complexes:
     return np.asarray(east + 1j * north)
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from benchmarks import discrepancy as bench
@@ -260,10 +261,17 @@ def test_a_turn_beyond_a_depth_threshold_is_attributed_to_depth():
 
 
 def test_real_water_under_a_sound_compass_is_not_attributed_to_it(tmp_path):
-    """Recorded bins (eh2), 4 m apart, whose current at a speed differs while it rises and while it falls."""
+    """Recorded bins (eh2), 4 m apart, whose current at a speed differs while it rises and while it falls.
+
+    The reference is a vane, which logs the direction of the current as its heading.
+    """
     folder = Path(shutil.copytree(real("cruise_eh2"), tmp_path / "c"))
-    file = folder / "config/moorings/E0.yaml"
-    file.write_text(file.read_text().replace("      depth: depth_m\n", ""))
+    file, log = folder / "config/moorings/E0.yaml", folder / "raw/E0/deep.csv"
+    file.write_text(file.read_text().replace("      depth: depth_m\n", "      heading: heading_deg\n"))
+    rows = pd.read_csv(log)
+    turned = np.random.default_rng(1).normal(2.0, 5.0, len(rows))
+    rows["heading_deg"] = angles.wrap360(angles.direction(rows["u_cm_s"], rows["v_cm_s"]) + turned)
+    rows.to_csv(log, index=False)
     made = chain.run(folder, "E0")
     found, product = made["diagnosis"], made["product"]
     assert not found["findings"] and [one["driver"] for one in found["current"]] == ["speed"]
@@ -283,7 +291,7 @@ def test_a_reading_that_changes_for_a_while_is_given_no_other_driver_than_time()
 
 def test_octantal_is_selected_over_sextantal_in_narrow_headings():
     drawn, _ = bench.draw("single", 60, 70)  # narrow headings: the sextantal's columns at size 0 score higher
-    found = diagnosed(every_second(drawn))
+    found = diagnosed(drawn)
     assert set(drawn.truth) == {"octantal"}
     assert [one.effect for one in found.findings] == ["octantal"] and found.unexplained is None
 
@@ -309,6 +317,24 @@ def test_a_slip_of_13_degrees_is_dated_and_said_of_one_of_the_two_instruments():
     assert {finding.effect, *finding.twins} == {"heading_slip", "reference_slip"}
     assert (finding.level, finding.driver) == ("driver", "time") and "one of the two instruments" in finding.text
     assert abs(finding.where.low - drawn.truth["heading_slip"]["date_s"]) < 86400.0
+
+
+@pytest.mark.parametrize("step_s", [3600.0, 43200.0])
+def test_heading_of_a_vane_shares_no_shear_with_the_residual(step_s):
+    rng, n = np.random.default_rng(3), 20000
+    zero, shear = np.zeros(n), np.array(angles.components(0.04, rng.uniform(0.0, 360.0, n)))
+    flow = 0.25 + np.array([red_noise(rng, n, 50, 0.1), red_noise(rng, n, 50, 0.1)])
+    upper, lower = flow - shear, flow + shear
+    heading = {"vane": angles.direction(*lower) - 45.0, "own": red_noise(rng, n, 100, 150.0)}
+    residual = angles.difference(angles.direction(*upper), angles.direction(*lower))
+    fast = np.hypot(*flow) > 0.1
+    for kind, turned in heading.items():
+        sample = Pairs(step_s * np.arange(n), zero, zero, zero, *upper, *lower, zero + 90.0, zero + 105.0, zero, zero)
+        told = covariates.departures(sample, {"reference_heading": turned}, {}, zero)["reference_sine"]
+        sine, _ = angles.sin_cos(turned)
+        apart, kept = (np.corrcoef(x[fast], y[fast])[0, 1] for x, y in ((told, residual), (told, sine)))
+        assert abs(apart) < 0.03 and kept > (0.99 if kind == "own" else 0.8)
+        assert kind == "own" or abs(np.corrcoef(sine[fast], residual[fast])[0, 1]) > 0.1
 
 
 @pytest.mark.parametrize("own_m_s", [(0.02, 0.05), (0.05, 0.02)])
