@@ -3,6 +3,7 @@
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -50,7 +51,12 @@ def imports(path: Path) -> Iterator[str]:
             yield from (alias.name for alias in node.names if alias.name in MODULES)
 
 
-IMPORTED = {name: set(imports(path)) - {name} for name, path in MODULES.items()}
+@cache
+def imported() -> dict[str, set[str]]:
+    """Collect the modules that each module imports: at a test, since every process of the tests reads this file."""
+    return {name: set(imports(path)) - {name} for name, path in MODULES.items()}
+
+
 HOUSE = {name: path for name, path in MODULES.items() if room_of(name) not in ("", APART)}
 
 
@@ -58,20 +64,20 @@ HOUSE = {name: path for name, path in MODULES.items() if room_of(name) not in ("
 def test_subpackages_import_only_from_lower_ones(module):
     own = room_of(module)
     assert own in FLOOR, f"{own} has no floor yet: add it to ROOMS"
-    upward = {other for other in IMPORTED[module] if room_of(other) and FLOOR.get(room_of(other), 99) > FLOOR[own]}
+    upward = {other for other in imported()[module] if room_of(other) and FLOOR.get(room_of(other), 99) > FLOOR[own]}
     upward -= {other for other in upward if room_of(other) == APART and module == "compasslib.stages.read"}
     assert not upward, f"{module} imports {upward} from a floor above"
 
 
 def test_imports_have_no_cycles():
-    left = {name: {other for other in others if other in MODULES} for name, others in IMPORTED.items()}
+    left = {name: {other for other in others if other in MODULES} for name, others in imported().items()}
     while free := {name for name, others in left.items() if not others & left.keys()}:
         left = {name: others for name, others in left.items() if name not in free}
     assert not left, f"rings among {sorted(left)}"
 
 
 def test_simulated_world_shares_only_angles_and_array_types_with_the_library():
-    for module, others in IMPORTED.items():
+    for module, others in imported().items():
         if room_of(module) == APART:
             shared = {other for other in others if room_of(other) != APART}
             assert shared <= {"compasslib.angles", "compasslib.types"}, module

@@ -38,7 +38,7 @@ def test_a_fault_of_the_reference_is_attributed_to_it(tmp_path, effect):
 
 @pytest.mark.parametrize("effect", ["reference_slip", "heading_slip"])
 def test_a_large_step_is_attributed_correctly_or_ambiguous(tmp_path, effect):
-    found, _, share = processed(tmp_path, effect, wide=False, hours=5000, size_deg=12.0)
+    found, _, share = processed(tmp_path, effect, wide=False, hours=3600, size_deg=12.0)
     first = found["findings"][0]
     assert effect in (first["effect"], *first["alternatives"])
     if first["effect"] != effect:

@@ -16,7 +16,7 @@ from tests.world import chain
 from tests.world import pairs as world
 from tests.world.launch import CONTRACT
 
-HOURS = 4000
+HOURS = 3000
 SEARCH = {"surrogates": 39}
 OPTIONS = {"FOUND": SEARCH, "LEFT": SEARCH | {"apply": False}, "OFF": {"enabled": False}}
 
