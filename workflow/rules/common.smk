@@ -6,15 +6,22 @@ def parameters(stage, arguments=dict, subjects=((),)):
     return {"stage": stage, "library": LIBRARY} | job.parameters(arguments, subjects)
 
 
+@cache
+def not_stopped(kind, reasons):
+    """Map the names that can go on to None, by the text of the checkpoint's file."""
+    configured = {"moorings": CRUISE.moorings, "calibrations": CRUISE.calibrations, "compasses": CRUISE.compasses}
+    stopped = {name for name, reason in json.loads(reasons)[kind].items() if reason is not None}
+    stopped |= {*WITHOUT.get(kind, [])}
+    return dict.fromkeys(name for name in configured[kind] if name not in stopped)
+
+
 def usable(kind):
     """List the moorings, calibrations or compasses that can go on, by the checkpoint; in a dry run by the last one."""
     if workflow.dryrun:  # so that it lists all jobs, not only those before the checkpoint
         last = Path("results/usable.json")
-        reasons = json.loads(last.read_text())[kind] if last.is_file() else {}
-        configured = {"moorings": CRUISE.moorings, "calibrations": CRUISE.calibrations, "compasses": CRUISE.compasses}
-        return [name for name in configured[kind] if reasons.get(name) is None and name not in WITHOUT.get(kind, [])]
+        return not_stopped(kind, last.read_text() if last.is_file() else json.dumps({kind: {}}))
     with checkpoints.usable.get().output.usable.open() as stream:
-        return [name for name, reason in json.load(stream)[kind].items() if reason is None]
+        return not_stopped(kind, stream.read())
 
 
 def group_of_mooring(wildcards, stage=None):
