@@ -58,10 +58,10 @@ def draw(kind: str, index: int, seed: int) -> tuple[sea.Drawn, dict[str, float]]
 
 
 def referred(drawn: sea.Drawn, index: int, seed: int) -> sea.Drawn:
-    """Turn the reference by the errors of an ordinary compass; every other reference logs its heading."""
+    """Turn the reference by the errors of an ordinary compass; half are vanes, half of which log headings."""
     rng = np.random.default_rng([seed, index])
     errors = rng.normal(size=3) * sea.reference_sizes((drawn.horizontal, drawn.vertical))
-    return sea.refer(drawn, errors, rng, logged=index % 2 == 0)
+    return sea.refer(drawn, errors, rng, vane=index % 2 == 1, logged=index % 4 != 3)
 
 
 def two(rng) -> list[str]:

@@ -238,7 +238,7 @@ def test_reference_errs_by_constant_and_iron_of_its_own_heading(logged):
     constant, sine, cosine = sea.reference_sizes((11_980.0, 52_078.0))
     # 525 nT of 11,980 are 2.51 degrees, and 0.4 degrees times the dip's tangent of 4.35 are 1.74.
     assert (constant, sine, cosine) == pytest.approx((2.0, 3.05, 3.05), abs=0.01)
-    made = sea.refer(bare, np.array([5.0, 3.0, 0.0]), np.random.default_rng(1), logged=logged)
+    made = sea.refer(bare, np.array([5.0, 3.0, 0.0]), np.random.default_rng(1), vane=not logged, logged=logged)
     before, after = (sea.towards(x.pairs.lower_east + 1j * x.pairs.lower_north) for x in (bare, made))
     wrong = sea.wrap(after - before)
     np.testing.assert_allclose(wrong, made.reference_deg, atol=1e-9)

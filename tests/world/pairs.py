@@ -480,19 +480,21 @@ def reference_sizes(earth: tuple[float, float]) -> Floats:
     return np.array([CONSTANT_DEG, iron_deg, iron_deg])
 
 
-def refer(drawn: Drawn, errors: Floats, rng: np.random.Generator, *, logged: bool) -> Drawn:
+def refer(drawn: Drawn, errors: Floats, rng: np.random.Generator, *, vane: bool, logged: bool) -> Drawn:
     """Turn the reference's directions by the errors of its compass, and state their ordinary sizes.
 
     Args:
         errors: constant, sine and cosine by its heading, degrees, (3,).
-        logged: whether it is an instrument that logs its heading, or a vane along the flow, whose heading is not known.
+        vane: whether it is a vane along the flow, or an instrument that turns more freely.
+        logged: whether it logs its heading.
     """
     pairs, water = drawn.pairs, None if drawn.world is None else drawn.world.water
     flow = pairs.lower_east + 1j * pairs.lower_north
-    spread, offset = (WAKE_DEG, rng.uniform(0.0, 360.0)) if logged else (VANE_DEG, 0.0)
+    spread, offset = (VANE_DEG, 0.0) if vane else (WAKE_DEG, rng.uniform(0.0, 360.0))
     # An instrument aligns with the water, not with the noise of its own measurement of it; of real water only the
-    # measurement is known, and its mean over ALIGNED_S shares little of that noise.
-    aligned = averaged(pairs.time_s, flow, ALIGNED_S) if water is None else water
+    # measurement is known, and its mean over ALIGNED_S shares little of that noise. A vane turns within seconds.
+    real = flow if vane else averaged(pairs.time_s, flow, ALIGNED_S)
+    aligned = real if water is None else water
     heading = towards(aligned) + offset + red(rng, len(flow), 12, spread)
     wrong = errors @ np.array([np.ones(len(flow)), np.sin(heading * RAD), np.cos(heading * RAD)])
     flow, recorded = turned(flow, wrong), (heading + wrong) % 360.0 if logged else None
