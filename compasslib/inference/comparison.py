@@ -39,7 +39,7 @@ LEAST_WAVE_SPREAD = 0.1
 CANCELS = "it acts on both compasses alike and cancels in the difference of their directions"
 IN_FITTED_IRON = "constant errors of the tilts turn the heading as iron does: B and C of the fitted curve contain them"
 CONSTANT_IN_A = "a constant declination error cannot be separated from A, a mean directional shear or a mounting offset"
-CONSTANT_REFERENCE = "the reference's file has no heading that varies"
+CONSTANT_REFERENCE = "the reference's file has no heading that varies, or that of a vane, which follows the flow"
 UNTESTABLE = {"declination_error": CONSTANT_IN_A, "tilt_offset": IN_FITTED_IRON}
 MISSING_SERIES = {
     "battery_number": "the supply voltage shows no battery change",

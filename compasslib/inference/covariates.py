@@ -39,6 +39,9 @@ NAMED_SERIES = (
 )  # any other name is an instrument-specific channel
 ZERO_WHERE_MISSING = (*OBSERVATORY, *TILT_CORRECTIONS)  # missing values are set to 0
 WITHOUT_REFERENCE = TILT_CORRECTIONS  # series with a meaningful zero, from which no mean is subtracted
+# Resultant length of heading minus direction of the flow, from which a reference counts as a vane: 0.89 of a moored
+# meter with a fin (aqd9330), 0.13 to 0.25 of instruments that turn freely (eh2, papa).
+FOLLOWS_FLOW = 0.8
 SHEAR_REACH = 6  # samples to either side over which shear persists while instrument noise averages out
 NEIGHBOURS = (2, 3, 4, 5, 6, 7)  # lags in samples, before and after; at lag 1 the residual's noise may be shared
 FAINTEST = 0.03  # relative cutoff of singular values: flow from a narrow arc hardly separates the harmonics
@@ -130,7 +133,10 @@ def logged_series(record: Record, observatory_files: Sequence[str], at: Pairs | 
 
 
 def pair_covariates(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Floats]:
-    """Collect the covariates along which the residual is tested, (n,) each, without those that hardly vary."""
+    """Collect the covariates along which the residual is tested, (n,) each, without those that hardly vary.
+
+    The heading of a reference that follows the flow tells no more than its directions, which are in the residual.
+    """
     upper, _ = pair_speeds(pairs)
     series = {
         "heading": pairs.heading_deg,
@@ -145,8 +151,9 @@ def pair_covariates(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Flo
         name: np.nan_to_num(column) if name in ZERO_WHERE_MISSING else smooth_supply(name, column, pairs.time_s)
         for name, column in logged.items()
     }
-    if pairs.lower_heading_deg is not None:
-        series["reference_heading"] = pairs.lower_heading_deg
+    heading, flow = pairs.lower_heading_deg, angles.direction(pairs.lower_east, pairs.lower_north)
+    if heading is not None and angles.resultant_length(heading - flow) < FOLLOWS_FLOW:
+        series["reference_heading"] = heading
     return {name: fill_gaps(column) for name, column in series.items() if name in TILT_CORRECTIONS or varies(column)}
 
 
