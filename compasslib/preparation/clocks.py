@@ -45,9 +45,10 @@ def compare_speeds(upper: SpeedSeries, lower: SpeedSeries) -> ClockOffset:
     # Currents are delayed by up to an hour between two depths.
     stated, best = int(np.argmax(np.where(np.abs(lags_h) <= 1, correlation, -np.inf))), int(np.argmax(correlation))
     step_s = max(float(np.median(np.diff(time_s))) for time_s, _ in (upper, lower))
-    searched = step_s <= 2 * HOUR_S and abs(lags_h[best]) <= near_h  # the search resolves these more finely
+    # The search resolves these more finely, unless half a tide lies between the clocks: no fit is possible then.
+    searched = step_s <= 2 * HOUR_S and abs(lags_h[best]) <= near_h and correlation[stated] > 0.0
     if searched or _score(sums[:, best] - sums[:, stated]) <= sigmas:
-        shared = sums[both, stated]
+        shared = sums[both, best if searched else stated]
         if _score(shared) > 3.0 or whole > 0.5 or len(shared) < 30:
             return ClockOffset()
         why = (

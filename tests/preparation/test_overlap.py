@@ -165,6 +165,16 @@ def test_tides_and_slow_changes_alone_give_no_clock_offset(water, hours):
     assert not found.ahead_h and not found.uncorrelated
 
 
+@pytest.mark.parametrize("hours", [-6, 5])
+def test_clocks_half_a_tide_apart_are_corrected(hours):
+    """The speeds as stated are opposite, so that neither a fit nor the search can begin; once called uncorrelated."""
+    upper, lower = instruments()
+    tide = 0.1 + 0.3 * np.cos(2.0 * np.pi * upper.time_s / HOUR / 12.4206)
+    upper, lower = (replace(one, east=one.east + tide[:, None]) for one in (upper, lower))
+    found = estimate_clock_offset(upper, [late(lower, hours)], PairRules())
+    assert found.ahead_h == hours and not found.uncorrelated
+
+
 @pytest.mark.parametrize("turned", [None, 0.0, 60.0])
 def test_own_record_is_refused_as_reference(turned):
     """All of it, or the mean of its nearest bins, turned by a constant or by another compass."""
