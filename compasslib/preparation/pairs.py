@@ -339,6 +339,8 @@ def _refuse_other_frame(pairs: Pairs) -> None:
     plain = min(_spread(lower - upper), _spread(lower), _spread(heading))
     others = {(sign, k): _spread(lower + sign * upper + k * heading) for sign, k in OTHER_FRAMES}
     best = min(others, key=others.__getitem__)
+    if best == (-1, -1):  # as of an instrument that follows the flow, with iron as strong as the field
+        plain = min(plain, _spread(upper - heading))
     if len(heading) >= ENOUGH and others[best] * 1.8 < plain:
         shown = f"directions that agree with those of the reference only where they are {OTHER_FRAMES[best]}"
         advice = "check coordinates (EX), orientation, and east and north of both instruments"

@@ -9,7 +9,7 @@ from compasslib import angles
 from compasslib.errors import InputError
 from compasslib.preparation.clocks import ClockOffset, grid_indices, interpolate_series
 from compasslib.preparation.pairs import PairRules, check_pairs, estimate_clock_offset, find_pairs
-from compasslib.records import BAD, EarthField, Record, take
+from compasslib.records import BAD, EarthField, Pairs, Record, take
 from tests.world import sea
 from tests.world.hourly import HOUR, record
 from tests.world.pairs import red_from_rest as red_noise
@@ -82,6 +82,16 @@ def test_no_pairs_from_flagged_values_or_without_reference():
 def test_frame_check_passes_for_any_deviation(coefficients):
     seen, _ = pairs(coefficients, seed=1)
     assert check_pairs(seen, record([0.0]), [record([0.0])]).warnings == ()
+
+
+def test_frame_check_passes_for_an_instrument_that_follows_the_flow_near_strong_iron():
+    """The compass reads half of the turns of the instrument, whose velocities keep their direction in its frame."""
+    rng, n = np.random.default_rng(1), 2000
+    flow, zero = rng.uniform(0.0, 360.0, n), np.zeros(n)
+    recorded, slip = 90.0 + flow / 2.0, rng.normal(0.0, 10.0, n)
+    upper, lower = angles.components(0.3, recorded + 40.0 + slip), angles.components(0.3, flow)
+    locked = Pairs(HOUR * np.arange(n), recorded, zero, zero, *upper, *lower, zero + 90.0, zero + 105.0, zero, zero)
+    assert len(check_pairs(locked, record([0.0]), [record([0.0])])) == n
 
 
 @pytest.mark.parametrize(("sign", "turns"), [(1, 1), (1, -1), (-1, 2), (-1, 0)])
