@@ -49,13 +49,7 @@ MISSING_SERIES = {
     "separation": "the distance between the two layers does not vary",
     "turn_rate": "the pairs are too far apart in time to show how fast the instrument turns",
     "lean_pitch": "the tilts are never stuck for ten days, or too few of them move",
-    **dict.fromkeys(
-        ("flow_east", "body_flow_sine", "body_flow_sine2"),
-        "the pairs are too far apart in time to predict the flow's direction from the hours before",
-    ),
-    "reference_sine": CONSTANT_REFERENCE,
-    "reference_flow_sine": f"{CONSTANT_REFERENCE}, or the pairs are too far apart in time",
-    "reference_flow_sine2": f"{CONSTANT_REFERENCE}, or the pairs are too far apart in time",
+    **dict.fromkeys(("reference_sine", "reference_flow_sine", "reference_flow_sine2"), CONSTANT_REFERENCE),
     "exact_minus_series": "the fit is the exact compass already",
 }
 APPROXIMATE = {  # by the deepest level that can be stated beside other effects

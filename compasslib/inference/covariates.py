@@ -213,16 +213,13 @@ def departures(
     velocity = _complex(*turned), _complex(pairs.lower_east, pairs.lower_north)
     both = _mean_flow(*velocity)
     result |= _flow_departures(pairs, velocity, both)
-    if "flow_east" in result:
-        upper, lower = (running_mean(speed, pairs.time_s, SPEED_SPAN_S) for speed in pair_speeds(pairs))
-        true_heading = np.where(np.isfinite(heading_deg), heading_deg, pairs.heading_deg) + pairs.declination_deg
-        result |= _body_frame_flow(_waves(true_heading, 2), upper, result, "body")
+    upper, lower = (running_mean(speed, pairs.time_s, SPEED_SPAN_S) for speed in pair_speeds(pairs))
+    true_heading = np.where(np.isfinite(heading_deg), heading_deg, pairs.heading_deg) + pairs.declination_deg
+    result |= _body_frame_flow(_waves(true_heading, 2), upper, result, "body")
     if "reference_heading" in covariates:
         waves = _waves(covariates["reference_heading"], 2)
-        if "flow_east" in result:
-            waves = _independent_waves(waves, velocity[1], both, _flow_waves(result))
-            to_true = _waves(pairs.declination_deg, 2)
-            result |= _body_frame_flow(waves * to_true, lower, result, "reference")
+        waves = _independent_waves(waves, velocity[1], both, _flow_waves(result))
+        result |= _body_frame_flow(waves * _waves(pairs.declination_deg, 2), lower, result, "reference")
         wave = waves[:, 0] - waves[:, 0].mean()
         result |= {"reference_sine": wave.imag, "reference_cosine": wave.real}
     if (index := storm_index(covariates)) is not None:
@@ -321,11 +318,8 @@ def _flow_departures(pairs: Pairs, velocity: tuple[Complexes, Complexes], both: 
     turn = -np.imag(trend * np.conj(middle)) / np.maximum(np.abs(middle), 0.02) ** 2 / angles.DEGREE
     flow_turn = np.zeros(len(both))
     flow_turn[2:-2] = np.where(np.ptp(hours, axis=1) <= 4.5, turn, 0.0)
-    result = {"excursion_turn": across, "flow_turn": flow_turn}
-    if np.any(predicted):
-        parts = (part for wave in predicted.T for part in (wave.imag, wave.real))
-        result |= dict(zip(FLOW_NAMES, parts, strict=True))
-    return result
+    parts = (part for wave in predicted.T for part in (wave.imag, wave.real))
+    return {"excursion_turn": across, "flow_turn": flow_turn} | dict(zip(FLOW_NAMES, parts, strict=True))
 
 
 def _independent_waves(waves: Complexes, lower: Complexes, both: Complexes, flow: Complexes) -> Complexes:

@@ -183,7 +183,7 @@ def slow_noise_basis(comparison: LongComparison) -> SlowNoiseBasis:
     current, kinds = current_columns(comparison), 1
     drivers = tuple(driver for driver, columns in current.items() for _ in range(columns.shape[1]))
     each = [season_columns(comparison), *current.values()]
-    if "flow_east" in comparison.scene.departures and "speed" in comparison.covariates:
+    if "speed" in comparison.covariates:
         shears = ((waves, SPEED_SPAN_S), (tide_waves(time_s), TIDE_SPAN_S))
         each, kinds = [*(shear_columns(comparison, *shear) for shear in shears), *each], 3
     known = None
@@ -200,7 +200,7 @@ def season_columns(comparison: LongComparison) -> Floats:
     """
     phase = 360.0 * comparison.scene.time_s / YEAR_S
     waves = np.column_stack([x / k for k in SEASON_HARMONICS for x in angles.sin_cos(k * phase)])
-    if "flow_east" not in comparison.scene.departures or "speed" not in comparison.covariates:
+    if "speed" not in comparison.covariates:
         return np.concatenate([waves, np.zeros((len(waves), SEASON_COLUMNS - waves.shape[1]))], axis=1)
     per_degree = USUAL_SHEAR_M_S / USUAL_VEER_DEG
     return np.concatenate([waves, per_degree * shear_columns(comparison, waves, SPEED_SPAN_S)], axis=1)
