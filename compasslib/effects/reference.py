@@ -62,9 +62,9 @@ DeclinationError = _north(
 )  # fmt: skip
 
 # Between two instruments of a mooring: the water, the reference, clocks.
-OWN_DEG = 5.0  # prior of each part of a reference's deviation: of a meter in a cage up to 6 degrees (Le Menn 2023)
+REFERENCE_DEG = 5.0  # prior of either part of a reference's deviation: up to 6 degrees in a cage (Le Menn 2023)
 # The same of its velocities: ten times a maker's accuracy of 0.5 % and 0.5 cm/s (RDI Workhorse).
-OWN_GAIN, OWN_BIAS_M_S = 0.05, 0.05
+REFERENCE_GAIN, REFERENCE_BIAS_M_S = 0.05, 0.05
 USUAL_DEG = 6.0  # prior of each harmonic: real directional shear ranged from +22 to -7 degrees over flow directions
 HIGHER_VEER_DEG = 1.3  # of the third and fourth: amplitudes of 1.7 and 1.8 degrees in 16 pairs of bins (eh2)
 
@@ -132,8 +132,8 @@ ReferenceDeviation = _reference(
     needs=("reference_sine", "reference_cosine"),
     words="the compass of the reference has a deviation of its own",
     literature="B and C of von Appen 2015, eq. (1), by its own heading; reading minus true",
-    sine_deg=parameter("degrees", "part with the sine of the reference's heading", 1.0, usual=OWN_DEG),
-    cosine_deg=parameter("degrees", "part with its cosine", 1.0, usual=OWN_DEG),
+    sine_deg=parameter("degrees", "part with the sine of the reference's heading", 1.0, usual=REFERENCE_DEG),
+    cosine_deg=parameter("degrees", "part with its cosine", 1.0, usual=REFERENCE_DEG),
 )  # fmt: skip
 ReferenceSlip = _reference(
     "ReferenceSlip", "The reference's directions are shifted from a date on: its mount slipped, or its iron changed.",
@@ -151,7 +151,7 @@ ReferenceBeams = _reference(
     needs=("reference_flow_sine2",),
     words="the beams of the reference are of unequal gain",
     literature="-(gain/2) sin 2(flow - heading), first order; forward over starboard gain less one",
-    gain=parameter("1", "forward over starboard gain of the reference's beams, less one", 0.035, usual=OWN_GAIN),
+    gain=parameter("1", "forward over starboard gain of the reference's beams, less one", 0.035, usual=REFERENCE_GAIN),
 )  # fmt: skip
 
 
@@ -165,8 +165,8 @@ ReferenceBias = _reference(
     needs=("reference_flow_sine", "reference_flow_cosine"),
     words="the velocities of the reference have a constant offset in its own frame",
     literature="(bias/speed) sin(angle of the bias - angle of the flow), first order",
-    forward_m_s=parameter("m/s", "velocity added forward", 0.003, usual=OWN_BIAS_M_S),
-    starboard_m_s=parameter("m/s", "velocity added to starboard", 0.003, usual=OWN_BIAS_M_S),
+    forward_m_s=parameter("m/s", "velocity added forward", 0.003, usual=REFERENCE_BIAS_M_S),
+    starboard_m_s=parameter("m/s", "velocity added to starboard", 0.003, usual=REFERENCE_BIAS_M_S),
 )  # fmt: skip
 
 ClockOffset = _clock(
