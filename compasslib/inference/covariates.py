@@ -39,9 +39,7 @@ NAMED_SERIES = (
 )  # any other name is an instrument-specific channel
 ZERO_WHERE_MISSING = (*OBSERVATORY, *TILT_CORRECTIONS)  # missing values are set to 0
 WITHOUT_REFERENCE = TILT_CORRECTIONS  # series with a meaningful zero, from which no mean is subtracted
-# Resultant length of heading minus direction of the flow, from which a reference counts as a vane: 0.89 of a moored
-# meter with a fin (aqd9330), 0.13 to 0.25 of instruments that turn freely (eh2, papa).
-FOLLOWS_FLOW = 0.8
+FOLLOWS_FLOW = 0.8  # resultant length of heading minus flow: 0.89 with a fin (aqd9330), up to 0.25 without (eh2, papa)
 SHEAR_REACH = 6  # samples to either side over which shear persists while instrument noise averages out
 NEIGHBOURS = (2, 3, 4, 5, 6, 7)  # lags in samples, before and after; at lag 1 the residual's noise may be shared
 FAINTEST = 0.03  # relative cutoff of singular values: flow from a narrow arc hardly separates the harmonics
