@@ -197,6 +197,8 @@ class Pairs:
     expected_m_s: tuple[float, float] | None = None
     #: uncertainty (1 sigma, degrees) of the mean veer between upper velocities and the reference over the record
     veer_deg: float = 0.0
+    delay_h: float = 0.0  #: hours, 1 sigma, by which the current is later at one of the depths
+    speed_late_h: float = 0.0  #: hours by which speeds of the reference, a rotor, are later than its time stamps
     slow_shear: SlowShear | None = None  #: between upper velocities and the reference; None if no profile shows it
     #: suspected errors of all headings, as indicated by the pairs, (1 sigma in degrees, reason) each
     doubts: tuple[tuple[float, str], ...] = ()

@@ -141,6 +141,7 @@ PAIR_NOTES = {
     **{name: name for name in ("slow_shear", "doubts", "slowed")},
 }
 ERRORS, VEER = "water_error_of_mean_and_of_prediction_m_s", "water_turned_for_good_deg"
+DELAYS = "delay_of_current_and_of_reference_speeds_hours"
 
 
 def write_pairs(path: str | Path, pairs: records.Pairs, *, attributes: Mapping[str, object] | None = None) -> None:
@@ -153,6 +154,7 @@ def write_pairs(path: str | Path, pairs: records.Pairs, *, attributes: Mapping[s
         if pairs.expected_m_s is not None:
             nc.setncattr(ERRORS, np.array(pairs.expected_m_s))
         nc.setncattr(VEER, pairs.veer_deg)
+        nc.setncattr(DELAYS, [pairs.delay_h, pairs.speed_late_h])
         nc.createDimension("TIME", len(pairs))
         for name, variable in PAIRS.items():
             if (column := getattr(pairs, name)) is not None:
@@ -176,6 +178,7 @@ def read_pairs(path: str | Path) -> records.Pairs:
         values["expected_m_s"] = tuple(map(float, getattr(nc, ERRORS))) if ERRORS in nc.ncattrs() else None
         names = nc[PAIRS["reference_index"].name].flag_meanings.split() if "reference_index" in values else []
         values |= {"reference_names": tuple(names), "veer_deg": float(nc.getncattr(VEER))}
+        values["delay_h"], values["speed_late_h"] = map(float, nc.getncattr(DELAYS))
         notes = {field: json.loads(getattr(nc, name, "null")) for name, field in PAIR_NOTES.items()}
         values |= {field: tuple(map(tuple, notes[field] or ())) for field in ("doubts", "slowed")}
         for field, made in (("compass", records.ReferenceCompass), ("slow_shear", records.SlowShear)):

@@ -19,12 +19,12 @@ import numpy as np
 from compasslib import compass
 from compasslib.types import DAY_S as DAY_S
 from compasslib.types import HOUR_S as HOUR_S
+from compasslib.types import YEAR_S as YEAR_S
 from compasslib.types import Floats
 
 Side = Literal["compass", "reference", "water", "clock"]
 Stage = Literal["surroundings", "sensor", "readout", "clock"]
 
-YEAR_S = 365.25 * DAY_S  # a Julian year
 USUAL_DEG = 4.0  # prior rms change of heading by an effect whose physics sets no size
 SHORT_RECORDINGS = ("platform", "swing", "magnetometer", "two_heads")
 READINGS = ("mooring", *SHORT_RECORDINGS)  # recordings of a compass

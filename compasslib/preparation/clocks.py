@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib.records import Record
-from compasslib.types import HOUR_S, Bools, Floats
+from compasslib.statistics.whitening import grid_positions, sampling_interval_s
+from compasslib.types import HOUR_S, YEAR_S, Bools, Floats
 
 SpeedSeries = tuple[Floats, Floats]  # times and speeds, m/s, NaN where nothing was measured, (n,) each
 
@@ -113,6 +114,54 @@ def _hourly(series: SpeedSeries, first_s: float, hours: int) -> tuple[Floats, Fl
     fast = (mean - total / np.maximum(near, 1.0)) * present
     rms = np.sqrt(np.sum(fast**2) / max(float(present.sum()), 1.0))
     return np.clip(fast / max(rms, 1e-12), -3.0, 3.0), present, mean  # clipped, as a storm would outweigh months
+
+
+def speed_delays(
+    time_s: Floats, upper: Floats, lower: Floats, separation_h: Floats | float = 0.0
+) -> tuple[Floats, Floats, float]:
+    """Estimate how much later the upper of two series of speeds, (n,) m/s, NaN where missing, is in up to 16 windows.
+
+    Args:
+        separation_h: times of the lower series minus ``time_s``, (n,).
+
+    Returns:
+        Years since the first sample and delays in hours of the windows in which the speeds are correlated, (w,), and
+        years of the record. No window if the interval exceeds two hours.
+    """
+    most_windows, fewest_samples, slow_h, clearest = 16, 100, 12.0, 0.2
+    step_s = sampling_interval_s(time_s)
+    if step_s > 2.0 * HOUR_S or len(time_s) < fewest_samples:
+        return np.zeros(0), np.zeros(0), 0.0
+    slot = grid_positions(time_s)
+    count, span = slot[-1] + 1, 2 * max(int(slow_h * HOUR_S / step_s), 1) + 1
+    fast = np.zeros((2, count))  # on a regular grid, high-pass filtered, 0 where missing
+    for series, speed in zip(fast, (upper, lower), strict=True):
+        grid, present = np.zeros(count), np.zeros(count)
+        grid[slot], present[slot] = np.nan_to_num(speed), np.isfinite(speed)
+        total, known = (np.convolve(x, np.ones(span), "same") for x in (grid, present))
+        series[:] = (grid - total / np.maximum(known, 1.0)) * present
+    width = max(count // most_windows, fewest_samples)
+    begins = np.arange(0, count - width + 1, width)
+    later = np.interp(np.arange(count), slot, np.broadcast_to(separation_h, len(slot)))
+    delays = [_peak_h(fast[:, k : k + width], step_s, clearest) - later[k : k + width].mean() for k in begins.tolist()]
+    clear = np.isfinite(delays)
+    return ((begins + width / 2.0) * step_s / YEAR_S)[clear], np.array(delays)[clear], count * step_s / YEAR_S
+
+
+def _peak_h(speeds: Floats, step_s: float, least: float) -> float:
+    """Find the hours by which the upper of two series is later, from their correlation; NaN below ``least``."""
+    upper, lower = speeds
+    reach = int(12 * HOUR_S / step_s)  # time zones; at longer lags tides repeat
+    size = 1 << (2 * len(upper)).bit_length()
+    product = np.fft.irfft(np.conj(np.fft.rfft(upper, size)) * np.fft.rfft(lower, size), size)
+    lags = np.arange(-reach, reach + 1)
+    cross = product[lags] / max(float(np.linalg.norm(upper) * np.linalg.norm(lower)), 1e-12)
+    k = int(np.argmax(cross))
+    if cross[k] < least or k in (0, len(cross) - 1):
+        return float("nan")
+    before, at, after = (float(cross[j]) for j in (k - 1, k, k + 1))
+    top = 0.5 * (before - after) / (before - 2.0 * at + after)
+    return -(float(lags[k]) + top) * step_s / HOUR_S
 
 
 def _score(gain: Floats) -> float:

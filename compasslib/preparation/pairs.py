@@ -18,7 +18,13 @@ from compasslib import angles, earthfield
 from compasslib.errors import InputError
 from compasslib.preparation.clocks import ClockOffset, compare_speeds, grid_indices, interpolate_series, nearest_index
 from compasslib.preparation.references import find_speed_changes
-from compasslib.preparation.water import fails_speed_check, predict_water, usable_velocities, veer_of_nearest_bins
+from compasslib.preparation.water import (
+    delay_of_current,
+    fails_speed_check,
+    predict_water,
+    usable_velocities,
+    veer_of_nearest_bins,
+)
 from compasslib.records import BAD, PROBABLY_GOOD, EarthField, Pairs, Record, pieces, take
 from compasslib.statistics import single_threaded
 from compasslib.types import Complexes, Floats
@@ -114,6 +120,8 @@ def find_pairs(
         return pairs
     at_m = other_depth[keep]
     pairs = find_speed_changes(pairs, paired)
+    apart_m = float(np.nanmedian(np.abs(pairs.lower_depth_m - pairs.upper_depth_m)))
+    pairs = replace(pairs, delay_h=delay_of_current(paired, apart_m))
     pairs = replace(pairs, warnings=(*pairs.warnings, *_depth_by_speed(pairs, paired, at_m)))
     if rules.predict and (predicted := _predicted(pairs, paired, at_m, rules.bins)) is not None:
         return predicted

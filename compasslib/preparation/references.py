@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compasslib import angles
-from compasslib.preparation.water import usable_velocities
+from compasslib.preparation.water import bins_apart, usable_velocities
 from compasslib.records import Pairs, Record, ReferenceCompass, iso_time, take
 from compasslib.statistics.resampling import block_sums, blocks_by_span
 from compasslib.types import DAY_S, Floats
@@ -60,6 +60,8 @@ def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
         expected_m_s=expected,
         veer_deg=float(np.average([each[k].veer_deg for k in there], weights=[max(len(each[k]), 1) for k in there])),
         slow_shear=max((each[k] for k in there), key=len).slow_shear,
+        delay_h=max(each[k].delay_h for k in there),
+        speed_late_h=max((each[k] for k in there), key=len).speed_late_h,
         compass=_combined_compass([each[k].compass for k in there], [len(each[k]) for k in there]),
         doubts=(
             *(((differ_deg, CONTRADICTING.format(differ_deg)),) if differ_deg else ()),
@@ -179,9 +181,7 @@ def find_speed_changes(pairs: Pairs, upper: Record) -> Pairs:
     # A profiler passes twice a day, ten times in a window.
     windows = [rows for k in range(number[-1] + 1) if len(rows := np.flatnonzero(number == k)) >= 10]
     speed = np.where(usable_velocities(upper), np.hypot(upper.east, upper.north), np.nan)
-    range_m = np.nanmedian(upper.bin_range_m, axis=0)
-    apart_m = float(np.nanmedian(np.abs(pairs.lower_depth_m - pairs.upper_depth_m)))
-    other = [k + 1 + int(np.argmin(np.abs(np.abs(range_m[k + 1 :] - x) - apart_m))) for k, x in enumerate(range_m[:-1])]
+    other = bins_apart(upper, float(np.nanmedian(np.abs(pairs.lower_depth_m - pairs.upper_depth_m))))
     if len(windows) < 2 * lasts:
         return pairs
     upper_speed, lower_speed = (np.abs(flow)[:, None] for flow in pairs.flows)

@@ -16,8 +16,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compasslib import angles
+from compasslib.preparation.clocks import speed_delays
 from compasslib.records import GOOD, NOT_CHECKED, PROBABLY_GOOD, Record, SlowShear
 from compasslib.statistics.resampling import block_sums
 from compasslib.types import DAY_S, Bools, Complexes, Floats
@@ -169,6 +171,28 @@ def fails_speed_check(time_s: Floats, mean: Complexes, predicted: Complexes, tru
     off = [(np.abs(series) - np.abs(trusted)) ** 2 for series in (mean, predicted)]
     worse = block_sums(off[1] - off[0], np.floor(time_s / (2 * DAY_S)).astype(np.intp))
     return bool(worse.sum() > 2.0 * np.sqrt(np.sum(worse**2)))
+
+
+def bins_apart(record: Record, apart_m: float) -> NDArray[np.intp]:
+    """Find for each bin but the last, (m - 1,), the bin after it that is nearest to a given distance from it."""
+    range_m = np.nanmedian(record.bin_range_m, axis=0)
+    away = [np.abs(np.abs(range_m[k + 1 :] - x) - apart_m) for k, x in enumerate(range_m[:-1])]
+    return np.array([k + 1 + int(np.argmin(each)) for k, each in enumerate(away)], dtype=np.intp)
+
+
+def delay_of_current(record: Record, apart_m: float) -> float:
+    """Estimate the rms delay, hours, of current speeds between the record's own bins a given distance apart.
+
+    Near-inertial waves with vertical wavelengths of 100 to 400 m (Leaman & Sanford 1975) reach one depth up to hours
+    before the other. The delay is scaled up from the longest distance of a shorter profile.
+    """
+    first, speed = 4, np.where(usable_velocities(record), np.hypot(record.east, record.north), np.nan)
+    range_m, found = np.nanmedian(record.bin_range_m, axis=0), []
+    for k, other in enumerate(bins_apart(record, apart_m)[:first].tolist()):
+        distance_m = abs(float(range_m[other] - range_m[k]))
+        if len(delays := speed_delays(record.time_s, speed[:, k], speed[:, other])[1]):
+            found.append(float(np.median(delays)) * max(apart_m / distance_m, 1.0))
+    return angles.rms(np.array(found)) if found else 0.0
 
 
 def veer_of_nearest_bins(record: Record, depth_m: Floats, bins: int) -> Veer:

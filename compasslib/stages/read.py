@@ -33,8 +33,10 @@ from compasslib.preparation.pairs import (
 from compasslib.preparation.references import join_references
 from compasslib.readers import table
 from compasslib.readers.matlab import PAIR_ROLES, read_ready_pairs
-from compasslib.records import EarthField, Pairs, Record, ReferenceCompass
+from compasslib.records import EarthField, Pairs, Record
 from compasslib.stages import Files, Say, Settings
+from compasslib.statistics.whitening import sampling_interval_s
+from compasslib.types import HOUR_S
 
 
 def read(
@@ -79,7 +81,7 @@ def record_of(
 
 def overlap(
     mooring: str, files: Files, say: Say, *, place: Settings, rules: Settings, columns: Settings | None,
-    compasses: Sequence[Settings],
+    compasses: Sequence[Settings], rotors: Sequence[bool],
 ) -> None:  # fmt: skip
     """Write the ``field``, and the ``pairs`` of the records or ``ready`` ones, also ``wide`` ones, further apart.
 
@@ -87,6 +89,7 @@ def overlap(
         place: arguments of ``earthfield.field_along``.
         columns: headers or variables of the ready-made file by role, and ``scale``.
         compasses: arguments of ``reference_compass`` for each reference.
+        rotors: whether each reference counts its speed by a mechanical rotor.
     """
     along = with_observatory_warnings(earthfield.field_along(**place), files.observatory)
     write_json(files.field, vars(along))
@@ -100,7 +103,7 @@ def overlap(
         sources = provenance.hashes(files.ready)
         made = provenance.origin("ready-made pairs read", sources) | {netcdf.SOURCES: json.dumps(sources)}
     else:
-        pairs_by_rules = _find_pairs(above, files.references, along, PairRules(**rules), compasses)
+        pairs_by_rules = _find_pairs(above, files.references, along, PairRules(**rules), compasses, rotors)
         # Named relative to the mooring's folder, so that the bytes of the file do not depend on its location.
         hashes = provenance.hashes([files.record, *files.references])
         made = provenance.origin("pairs found", {f"work/{Path(path).name}": known for path, known in hashes.items()})
@@ -110,17 +113,26 @@ def overlap(
 
 
 def _find_pairs(
-    above: Record, references: Sequence[str], along: EarthField, rules: PairRules, compasses: Sequence[Settings]
-) -> list[Pairs]:
+    above: Record, references: Sequence[str], along: EarthField, rules: PairRules, compasses: Sequence[Settings],
+    rotors: Sequence[bool],
+) -> list[Pairs]:  # fmt: skip
     """Find the pairs with all references by wider rules and by the rules themselves."""
-    each = [[netcdf.read_record(path)] for path in references] or [[]]
+    each = [[netcdf.read_record(path)] for path in references]
+    known: list[Settings] = [
+        {
+            "compass": reference_compass(field=along, **keys),
+            # A rotor counts from one record to the next (Aanderaa RCM): its speeds are of half an interval earlier.
+            "speed_late_h": 0.5 * sampling_interval_s(record.time_s) / HOUR_S if rotor else 0.0,
+        }
+        for (record,), keys, rotor in zip(each, compasses, rotors, strict=True)
+    ]
+    each, known = each or [[]], known or [{}]
     clocks = [estimate_clock_offset(above, reference, rules) for reference in each]
-    trusted: list[ReferenceCompass | None] = [reference_compass(field=along, **keys) for keys in compasses]
     return [
         join_references(
             [
-                replace(find_pairs(above, reference, along, by, clock), compass=compass)
-                for reference, clock, compass in zip(each, clocks, trusted or [None], strict=True)
+                replace(find_pairs(above, reference, along, by, clock), **also)
+                for reference, clock, also in zip(each, clocks, known, strict=True)
             ],
             [Path(path).stem for path in references],
         )

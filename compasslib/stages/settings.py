@@ -126,7 +126,13 @@ class Moorings:
             "applied": {key: degrees for key, degrees in inside.items() if degrees},
         }
         columns = mooring.fit.columns.model_dump() if mooring.fit.columns else None
-        return {"place": place, "rules": rules, "columns": columns, "compasses": _reference_compasses(mooring)}
+        return {
+            "place": place,
+            "rules": rules,
+            "columns": columns,
+            "compasses": _reference_compasses(mooring),
+            "rotors": _rotors(mooring),
+        }
 
     def fit(self, name: str) -> Arguments:
         """Return the arguments of the fit; those of ``at_mooring.compass_from_coefficients`` where they are given."""
@@ -165,7 +171,7 @@ class Moorings:
         return self.correct(name) | {
             "options": dict(mooring.product.model_dump(mode="json")),
             "compasses": _reference_compasses(mooring),
-            "rotors": [mooring.instruments[role].kind == "rotor" for role in mooring.reference],
+            "rotors": _rotors(mooring),
             "parts": self.parts(name),
         }
 
@@ -410,6 +416,10 @@ def check_cruise(cruise: Cruise) -> None:
 
 def _place(mooring: Mooring) -> dict[str, Any]:
     return {"latitude": mooring.latitude, "longitude": mooring.longitude, "water_depth_m": mooring.water_depth}
+
+
+def _rotors(mooring: Mooring) -> list[bool]:
+    return [mooring.instruments[role].kind == "rotor" for role in mooring.reference]
 
 
 def _reference_compasses(mooring: Mooring) -> list[Arguments]:

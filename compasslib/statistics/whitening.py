@@ -89,8 +89,8 @@ def fit_whitener(residual_deg: Floats, width_deg: Floats, time_s: Floats) -> Whi
 
 
 def sampling_interval_s(time_s: Floats) -> float:
-    """Compute the median sampling interval, seconds."""
-    return float(np.median(np.diff(time_s)))
+    """Compute the median sampling interval, seconds; 0 for a single sample."""
+    return float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
 
 
 def grid_positions(time_s: Floats) -> NDArray[np.intp]:

@@ -25,12 +25,15 @@ from compasslib.inference import product as products
 from compasslib.inference.comparison import Options, compare_pairs
 from compasslib.inference.kinds import mooring
 from compasslib.inference.kinds.mooring import diagnose
+from compasslib.preparation.pairs import find_pairs
 from compasslib.records import EarthField, Pairs, take
 from tests.world import chain
 from tests.world import pairs as world
 from tests.world.diagnosed import HOURS, diagnosed, every_second, seen, state_of
+from tests.world.layers import ALL_NEAR, BINS, CELL_M, FIELD, layers
+from tests.world.layers import seen as profile_and_cell
 from tests.world.pairs import red_from_rest as red_noise
-from tests.world.sea import FOLDED, pairs, plain_record, real
+from tests.world.sea import FOLDED, MILD, pairs, plain_record, real
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -401,6 +404,18 @@ def test_clock_error_is_estimated_from_the_wider_pairs_if_given():
     assert abs(every.offset_h - ahead) < 0.15 < abs(near.offset_h - ahead)
     found = diagnose(few, {}, fitted(drawn), field_of(drawn), wide=drawn.pairs)
     assert found.findings[0].parameters["hours"].value == pytest.approx(every.offset_h)
+
+
+@pytest.mark.parametrize("late_h", [0, 3])
+def test_inertial_waves_that_reach_one_depth_later_are_not_a_clock_error(late_h):
+    water = layers(3)
+    hour, z = np.arange(len(water))[:, None], CELL_M * np.arange(BINS + 2)
+    waves = 0.15 * np.exp(-1j * (2 * np.pi * hour / 14.0 + 2 * np.pi * z / 150.0))  # 1 h later 11 m above
+    eddies = 0.05 * red_noise(np.random.default_rng(1), len(water), 6, 1.0)[:, None]  # without a delay
+    top, trusted, _ = profile_and_cell(MILD, 0.12 + waves + eddies + 0.05 * water)
+    late = replace(trusted, time_s=trusted.time_s + 3600.0 * late_h)
+    clock = mooring.estimate_clock_error(find_pairs(top, [late], FIELD, ALL_NEAR))
+    assert clock.named == (late_h > 0) and abs(clock.offset_h + late_h) < 4.0 * clock.offset_sigma_h
 
 
 def test_a_season_alone_does_not_identify_temperature():

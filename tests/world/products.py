@@ -108,7 +108,7 @@ def product_of(record: Record, deviation: np.ndarray) -> CorrectedRecord:
 def make_pairs(n: int = 50) -> Pairs:
     rng = np.random.default_rng(2)
     others = {"warnings", "expected_m_s", "veer_deg", "doubts", "reference_index", "reference_names", "time_s"}
-    others |= {"compass", "slowed", "slow_shear"}
+    others |= {"compass", "slowed", "slow_shear", "delay_h", "speed_late_h"}
     arrays = [field.name for field in dataclasses.fields(Pairs) if field.name not in others]
     values: dict = {name: rng.normal(10, 1, n) for name in arrays}
     values |= {"reference_index": np.arange(n, dtype=np.int8) % 2, "reference_names": ("deep", "mid")}
@@ -120,6 +120,8 @@ def make_pairs(n: int = 50) -> Pairs:
         warnings=("few pairs to the north",),
         expected_m_s=(0.046, 0.031),
         veer_deg=1.5,
+        delay_h=0.25,
+        speed_late_h=0.5,
         doubts=((12.0, "the references differ"),),
         compass=ReferenceCompass("deep", 2.0, 2.9, 0.5),
         slowed=((1, 1.189e9, 1.19e9, 0.4),),

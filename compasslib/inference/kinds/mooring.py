@@ -27,22 +27,20 @@ from compasslib.inference import product as products
 from compasslib.inference.comparison import FEWEST_PAIRS, SHORTEST_DAYS, Comparison, Options
 from compasslib.inference.diagnosis import Diagnosis
 from compasslib.inference.finding import Finding, Parameter
+from compasslib.preparation.clocks import speed_delays
 from compasslib.records import EarthField, Pairs, take
 from compasslib.statistics import single_threaded
 from compasslib.statistics.least_squares import robust_width
 from compasslib.statistics.resampling import blocks_by_span
-from compasslib.statistics.whitening import grid_positions, robust_widths
+from compasslib.statistics.whitening import robust_widths
 from compasslib.types import Floats
 
 LEAST_CLOCK_H = 0.3  # least clock error that is named; delays by real water are smaller
-WINDOWS, FEWEST_WINDOWS, FEWEST_IN_WINDOW = 16, 5, 100  # windows for comparing the clocks, and fewest samples in one
-LONGEST_HOURS = 12.0  # largest clock error searched: time zones; at longer lags tides repeat
-SLOW_HOURS = 12.0  # half width of the running mean that is subtracted
+FEWEST_WINDOWS = 5  # in which the speeds are clearly correlated
 NEARLY_AS_GOOD = 10.0  # difference of chi squared below which an offset and a drift are not distinguished
 # Delays that are not clock errors: water arriving later at one depth, time stamps at the start, middle or end of an
 # average. They are 0.2 h between depths of one real record (eh2), 0.3 h in years simulated from that record.
-DELAY_SIGMA_H = 0.15  # standard deviation for a whole record
-CLEAREST = 0.2  # correlation of the speeds below which a window is ignored
+DELAY_SIGMA_H = 0.15  # standard deviation for a whole record, besides the delay within its own profile
 
 MOST_PAIRS = 20_000  # two years of hourly pairs; longer records are subsampled to limit memory
 COMPARED_PAIRS = 1000  # pairs, evenly spaced, for comparing the exact compass with the series
@@ -76,34 +74,21 @@ class ClockError:
 
 def estimate_clock_error(pairs: Pairs) -> ClockError:
     """Estimate the clock error from the current speeds; none is named if they do not determine it."""
-    step = float(np.median(np.diff(pairs.time_s)))
-    if step > 2.0 * HOUR_S:
+    separation_h = pairs.separation_minutes / 60.0 - pairs.speed_late_h
+    years, ahead, span_years = speed_delays(pairs.time_s, *pair_speeds(pairs), separation_h)
+    if len(years) < FEWEST_WINDOWS:
         return ClockError()
-    slot = grid_positions(pairs.time_s)
-    count, span = slot[-1] + 1, 2 * max(int(SLOW_HOURS * HOUR_S / step), 1) + 1
-    speeds = np.zeros((2, count))  # on a regular grid, high-pass filtered, 0 where missing
-    for fast, speed in zip(speeds, pair_speeds(pairs), strict=True):
-        grid, present = np.zeros(count), np.zeros(count)
-        grid[slot], present[slot] = np.nan_to_num(speed), np.isfinite(speed)
-        total, known = (np.convolve(x, np.ones(span), "same") for x in (grid, present))
-        fast[:] = (grid - total / np.maximum(known, 1.0)) * present
-    width = max(count // WINDOWS, FEWEST_IN_WINDOW)
-    later = np.interp(np.arange(count), slot, pairs.separation_minutes / 60.0)
-    begins = np.arange(0, count - width + 1, width)
-    windows = [slice(k, k + width) for k in begins.tolist()]
-    ahead = np.array([_ahead_h(speeds[:, window], step) - later[window].mean() for window in windows])
-    clear, years = np.isfinite(ahead), (begins + width / 2.0) * step / YEAR_S
-    enough = np.count_nonzero(clear) >= FEWEST_WINDOWS
-    return _select_clock(years[clear], ahead[clear], count * step / YEAR_S) if enough else ClockError()
+    return _select_clock(years, ahead, span_years, float(np.hypot(DELAY_SIGMA_H, pairs.delay_h)))
 
 
-def _select_clock(years: Floats, ahead_h: Floats, span_years: float) -> ClockError:
+def _select_clock(years: Floats, ahead_h: Floats, span_years: float, delay_h: float) -> ClockError:
     """Select the simplest clock error that fits the windows, given a delay by the water: offset, drift, or both."""
     ones = np.ones(len(years))
     scatter = float(np.std(ahead_h - np.polynomial.Polynomial.fit(years, ahead_h, 1)(years), ddof=2))
-    (offset, slope), least = _fit(np.column_stack([ones, years]), ahead_h, scatter)
-    (mean,), without_drift = _fit(ones[:, None], ahead_h, scatter)
-    (rate,), without_offset = _fit(years[:, None], ahead_h, scatter)
+    fit = partial(_fit, ahead_h=ahead_h, scatter_h=scatter, delay_h=delay_h)
+    (offset, slope), least = fit(np.column_stack([ones, years]))
+    (mean,), without_drift = fit(ones[:, None])
+    (rate,), without_offset = fit(years[:, None])
 
     def proven(estimate: _Estimate, years: float = 1.0) -> bool:
         return estimate.is_significant and abs(estimate.value) * years >= LEAST_CLOCK_H
@@ -123,7 +108,7 @@ class _Estimate(NamedTuple):
     is_significant: bool  # by Student's t distribution
 
 
-def _fit(design: Floats, ahead_h: Floats, scatter_h: float) -> tuple[list[_Estimate], float]:
+def _fit(design: Floats, ahead_h: Floats, scatter_h: float, delay_h: float) -> tuple[list[_Estimate], float]:
     """Fit the windows, of a common delay by the water and ``scatter_h`` each: coefficients, and chi squared.
 
     The scatter is estimated, the delay's variance given: degrees of freedom by Welch and Satterthwaite.
@@ -131,11 +116,11 @@ def _fit(design: Floats, ahead_h: Floats, scatter_h: float) -> tuple[list[_Estim
     from scipy.special import ndtr, stdtr
 
     variance = max(scatter_h, 0.01) ** 2
-    whitener = np.linalg.inv(np.linalg.cholesky(np.eye(len(ahead_h)) * variance + DELAY_SIGMA_H**2))
+    whitener = np.linalg.inv(np.linalg.cholesky(np.eye(len(ahead_h)) * variance + delay_h**2))
     estimator = np.linalg.pinv(whitener @ design) @ whitener
     values = estimator @ ahead_h
     of_windows = variance * np.sum(estimator**2, axis=1)
-    total = of_windows + DELAY_SIGMA_H**2 * estimator.sum(axis=1) ** 2
+    total = of_windows + delay_h**2 * estimator.sum(axis=1) ** 2
     freedom, sigma = (len(ahead_h) - 2) * (total / of_windows) ** 2, np.sqrt(total)
     significant = stdtr(freedom, -np.abs(values) / np.maximum(sigma, 1e-6)) < ndtr(-finding.NAMED_SIGMAS)
     chi2 = float(np.sum((whitener @ (ahead_h - design @ values)) ** 2))
@@ -156,22 +141,6 @@ def repair_pairs(pairs: Pairs, clock: ClockError) -> Pairs:
     }
     moved["separation_minutes"] = np.zeros(len(pairs))
     return take(replace(pairs, **moved), inside)
-
-
-def _ahead_h(speeds: Floats, step_s: float) -> float:
-    """Estimate by how many hours the upper clock is ahead from the peak of the speeds' cross-correlation, or NaN."""
-    upper, lower = speeds
-    reach = int(LONGEST_HOURS * HOUR_S / step_s)
-    size = 1 << (2 * len(upper)).bit_length()
-    product = np.fft.irfft(np.conj(np.fft.rfft(upper, size)) * np.fft.rfft(lower, size), size)
-    lags = np.arange(-reach, reach + 1)
-    cross = product[lags] / max(float(np.linalg.norm(upper) * np.linalg.norm(lower)), 1e-12)
-    k = int(np.argmax(cross))
-    if cross[k] < CLEAREST or k in (0, len(cross) - 1):
-        return float("nan")
-    before, at, after = (float(cross[j]) for j in (k - 1, k, k + 1))
-    top = 0.5 * (before - after) / (before - 2.0 * at + after)
-    return -(float(lags[k]) + top) * step_s / HOUR_S
 
 
 @single_threaded()
