@@ -310,8 +310,11 @@ def _finding_text(made: Finding, effect: str, physics: str, what: str) -> str:
     """Describe one finding in two or three sentences; ``effect`` is the name of its term."""
     proof, known, numbers = made.held_out, meanings(effect), ""
     where = f"{what}, {made.where.text}" if what else made.where.text
-    for name, parameter in made.parameters.items():
-        if parameter.sigma > 0.0:
+    fitted = {name: parameter for name, parameter in made.parameters.items() if parameter.sigma > 0.0}
+    if len(fitted) > 6:  # of a smooth curve
+        numbers = f"; {len(fitted)} coefficients, in diagnosis.json"
+    else:
+        for name, parameter in fitted.items():
             interval = f"{float(f'{parameter.value:.3g}'):g} ± {float(f'{1.96 * parameter.sigma:.2g}'):g}"
             meaning = known.get(name, name.removesuffix("_deg").replace("_", " "))
             numbers += f"; {meaning} {interval}{'' if parameter.unit == '1' else f' {parameter.unit}'} (95 %)"
