@@ -108,9 +108,9 @@ class Table:
 
     columns: dict[str, Floats]  # (rows,) each; times in UTC seconds since 1970, NaN where missing
     rows: int
-    cut: int  # number of truncated last lines dropped
+    cut: int  # number of lines dropped, as they lack cells
     said: Mapping[str, tuple[str, ...]]  # role -> header, and cells of the unit lines
-    warnings: tuple[str, ...]  # detected format, in words, and flags of unknown meaning
+    warnings: tuple[str, ...]  # detected format, in words, lines dropped, and flags of unknown meaning
 
 
 def read_table(
@@ -159,7 +159,7 @@ def read_table(
     twice = {header for each in named.values() for header in each if f"{header}.2" in head.names}
     notes += [f"the first of the columns {name}, of which {name}.2 is the second" for name in sorted(twice)]
     read = [f"the table was read as it is written: {', '.join(notes)}"] if notes else []
-    return Table(columns | numbers, len(body.rows.width), body.cut, said, (*read, *unknown))
+    return Table(columns | numbers, len(body.rows.width), body.cut, said, (*read, *body.notes, *unknown))
 
 
 def date_and_clock(headers: Mapping[str, str], withheld: Collection[str] = ()) -> dict[str, str]:
@@ -366,7 +366,16 @@ def open_body(
             where, shown = f"{path}: line {head.line + rows.number[row] + 1}", f"a line of {rows.width[row]} cells"
             advice = "correct delimiter" if len(long) == len(rows.lines) > 1 else MEND
             raise InputError(where, expected=f"{n} cells as in the header", found=shown, advice=advice)
-    return Body(path, head, rows, layout, cut)
+    usual = int(np.bincount(rows.width, minlength=1).argmax())
+    short = np.flatnonzero(rows.width < min(n, usual))
+    notes = [f"{path.name}: the last line was truncated and left out"] * cut
+    if short.size:  # an empty cell that was not written may be any of them
+        first = f"line {head.line + rows.number[short[0]] + 1} first"
+        notes.append(
+            f"{path.name}: {short.size} lines with fewer cells than the others were left out ({first}): {MEND}"
+        )
+        rows = rows[np.delete(np.arange(len(rows.width)), short)]
+    return Body(path, head, rows, layout, cut + short.size, tuple(notes))
 
 
 @dataclass(frozen=True)
@@ -377,7 +386,8 @@ class Body:
     head: Head
     rows: Rows
     layout: Layout
-    cut: int  # number of truncated last lines dropped
+    cut: int  # number of lines dropped, as they lack cells
+    notes: tuple[str, ...] = ()  # about these lines
 
     def column(self, place: int, expected: str = NUMBER_FORM) -> Column:
         """Select the cells of a column, which every row must have."""

@@ -88,7 +88,7 @@ def _read_file(path: Path, orientation: str | None) -> Record:
         counts={"rows": len(time_s) + body.cut, "rows_cut": body.cut},
         notes=(
             NO_BIAS,
-            *["the last line was cut short and left out"] * body.cut,
+            *body.notes,
             *times.describe_averages(average_s, time_s),
         ),
     )

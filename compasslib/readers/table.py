@@ -25,7 +25,6 @@ SERIES = {  # role -> field of a record
 }  # fmt: skip
 FLOW_FLAGS = ("flag", "flag_time", *(f"flag_{role}" for role in (*vocabulary.FLOWS, "direction")))
 LOSSES = {
-    "rows_cut": "last lines were cut short and left out",
     "rows_repeated": "rows repeat time and depth of another and were left out",
     "rows_contradict": "rows repeat time and depth of another with other values; none of them was used",
     "directions_impossible": "headings or directions are no angles and count as missing",

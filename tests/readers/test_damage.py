@@ -91,9 +91,9 @@ KINDS = (
 )
 MATRIX = {
     "cut":             "R R R R R R R X R R R R",
-    "a flipped byte":  "R X X R R R R R X R R R",
+    "a flipped byte":  "R X X R R R R R R R R R",
     "a wrong length":  "R X X R R R R X X R R R",
-    "missing bytes":   "R X X R R R R X X R R R",
+    "missing bytes":   "R R R R R R R X R R R R",
     "junk in front":   "R X X R R R X X X R R R",
     "junk inside":     "R X X R R R R X X R R R",
     "junk at the end": "R X X R R R R R X R R R",

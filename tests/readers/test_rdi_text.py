@@ -80,4 +80,4 @@ def test_invalid_export_is_refused_in_one_line(tmp_path, old, new, line):
 def test_truncated_last_line_is_dropped_and_reported(tmp_path):
     record = read(tmp_path / "a.txt", export()[:-40])
     assert len(record.time_s) == ROWS - 1 and record.counts["rows_cut"] == 1
-    assert any("cut short" in line for line in record.warnings)
+    assert any("truncated" in line for line in record.warnings)
