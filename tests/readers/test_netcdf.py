@@ -520,3 +520,20 @@ def test_declared_chunk_size_is_checked_before_allocation(tmp_path):
         nc.createVariable("time", "i1", ("time",), zlib=True, chunksizes=(2**31,)).units = "hours since 2007-09-04"
         nc.createVariable("UCUR_MAG", "f4", ("time",))[:] = np.zeros(5)
     assert "found 2048 MB in 0.0 MB of files" in refused(tmp_path / "a.nc")
+
+
+@pytest.mark.parametrize("size", [48, None])
+def test_truncated_classic_file_is_refused(tmp_path, size):
+    path, hours = tmp_path / "a.nc", np.arange(48.0)
+    with netCDF4.Dataset(path, "w", format="NETCDF3_CLASSIC") as nc:
+        nc.createDimension("time", size)
+        for name, unit, values in (
+            ("time", "hours since 2007-09-04", hours),
+            ("UCUR", "m/s", 0.1),
+            ("VCUR", "m/s", 0.2),
+        ):
+            nc.createVariable(name, "f8", ("time",))[:] = np.broadcast_to(values, 48)
+            nc[name].units = unit
+    assert len(read(path).time_s) == 48
+    path.write_bytes(path.read_bytes()[:-8])  # the library reads zeros there
+    assert "it is truncated; copy it again" in refused(path)

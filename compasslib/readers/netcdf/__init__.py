@@ -82,6 +82,7 @@ def read(
     for path in map(Path, paths):
         try:
             with netCDF4.Dataset(path) as nc:
+                variables.refuse_truncated(path, nc)
                 records.append(_record(*_open(path, *variables.find_series(path, nc), settings)))
         except DAMAGE_ERRORS as error:
             shown = f"{type(error).__name__}: {error}"

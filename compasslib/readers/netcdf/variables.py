@@ -157,6 +157,24 @@ def refuse_size(path: Path, variable: netCDF4.Variable) -> None:
     refuse_large_arrays(f"{path}: {variable.name}", declared, path.stat().st_size)
 
 
+def refuse_truncated(path: Path, nc: netCDF4.Dataset) -> None:
+    """Refuse a classic file that ends before its last value: the netCDF library reads zeros there.
+
+    Raises:
+        InputError: the file is shorter than its header declares.
+    """
+    if nc.data_model not in ("NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET"):
+        return
+    from scipy.io import netcdf_file
+
+    try:
+        with path.open("rb") as file:
+            netcdf_file(file, mmap=True)  # maps the variables, without reading them
+    except (ValueError, TypeError):
+        expected, shown = "as many bytes as its header declares", f"{path.stat().st_size}: it is truncated"
+        raise InputError(str(path), expected=expected, found=shown, advice="copy it again") from None
+
+
 def is_ocean_contour(path: Path) -> bool:
     """Return whether a netCDF file has the groups of OceanContour; not if it cannot be opened."""
     try:
