@@ -176,7 +176,7 @@ FAULTS: dict[str, tuple[Spoil, str]] = {
         said(deep__clock_offset_seconds=259200),
         "held-out pairs refute the correction",
     ),
-    "clock that jumps ahead": (clock(lambda i: i + 48 * (i >= 150)), "jumps ahead by days"),
+    "clock that jumps ahead": (clock(lambda i: i + 48 * (i >= 150)), "recording paused, or the clock was set"),
     "depth against its column": (said(deep__depth=505), "column of depths starts at 105 m, the metadata say 505 m"),
     "no overlap in depth": (
         said(deep__depth=505, deep__columns={"time": "time_utc", "east": "u_cm_s", "north": "v_cm_s", "scale": 0.01}),

@@ -340,23 +340,22 @@ def frequent_numbers(numbers: NDArray[np.int64]) -> dict[int, int]:
 
 
 def flag_strays(leaders: Ensembles) -> tuple[Flags, dict[str, int], list[str]]:
-    """Flag ensembles of another instrument, or after the clock jumped by days, (n,); also give counts and warnings."""
+    """Flag ensembles of another instrument, (n,); also give their count, and warnings about them and steps of time."""
     kinds = _number_kinds(leaders)
     other = kinds != np.bincount(kinds).argmax()
     count = int(other.sum())
     notes = [f"{count} ensembles are of another instrument than the rest; they were flagged."] if count else []
     steps = np.diff(leaders.time_s)
     usual = float(np.median(np.abs(steps))) if len(steps) else 0.0
-    # Up to three: pauses between bursts are more, and shorter.
-    jumps = (np.diff(leaders.number) == 1) & (steps > max(DAY_S, 20.0 * usual))
-    jumped = np.append(False, np.cumsum(jumps) > 0) & (jumps.sum() <= 3)
-    if jumped.any():
+    lasting = leaders.time_s[1:] <= np.minimum.accumulate(leaders.time_s[:0:-1])[::-1]
+    jumps = (np.diff(leaders.number) == 1) & (steps > max(DAY_S, 20.0 * usual)) & lasting
+    for k in np.flatnonzero(jumps)[:3].tolist():  # which of the two it was, the file does not tell
+        ends, numbers = leaders.time_s[k : k + 2].astype("datetime64[s]").astype(str), leaders.number[k : k + 2]
         notes.append(
-            f"The clock jumps ahead by days between ensembles whose numbers follow each other; the {int(jumped.sum())} "
-            "after that were flagged, as their time is not known."
+            f"Time steps from {' to '.join(ends)} between ensembles {numbers[0]} and {numbers[1]}, whose numbers follow "
+            "each other: recording paused, or the clock was set and later times are wrong; check the deployment's log."
         )
-    flags = np.where(other, BAD, np.where(jumped, PROBABLY_BAD, GOOD)).astype(np.int8)
-    return flags, {"other_instrument": count, "after_clock_jump": int(jumped.sum())}, notes
+    return np.where(other, BAD, GOOD).astype(np.int8), {"other_instrument": count}, notes
 
 
 def _number_kinds(leaders: Ensembles) -> NDArray[np.int64]:
