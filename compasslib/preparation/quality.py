@@ -136,6 +136,27 @@ def _frozen(record: Record, _: None, water_depth: float) -> Bools:
     return (_stuck(same & moving, record.time_s) | throughout)[:, None]
 
 
+def _zero_filled(record: Record, _: None, water_depth: float) -> Bools:
+    """Find velocities of exactly zero in bins where they stand for missing values.
+
+    A current passes through slow speeds when it turns, and a rotor stops below 2 cm/s (Aanderaa RCM): zeros are missing
+    values where more of them lie between two speeds above 10 cm/s than speeds of up to 3 cm/s do.
+    """
+    fast_m_s, slow_m_s, fewest = 0.10, 0.03, 4
+    filled = np.zeros(record.east.shape, dtype=bool)
+    for column, east, north in zip(filled.T, record.east.T, record.north.T, strict=True):
+        speed = np.hypot(east, north)
+        zero, moving = np.flatnonzero(speed == 0.0), np.flatnonzero(speed > 0.0)
+        if len(zero) < fewest or not len(moving):
+            continue
+        flow = np.pad(speed[moving], 1)
+        at = np.searchsorted(moving, zero)
+        amid = int(np.sum(np.minimum(flow[at], flow[at + 1]) > fast_m_s))
+        turning = int(np.sum((flow[1:-1] < slow_m_s) & (np.minimum(flow[:-2], flow[2:]) > fast_m_s)))
+        column[zero] = amid > max(turning, fewest - 1)
+    return filled
+
+
 CHECKS = (  # in the order of their bits
     Check("flagged_in_file", "flagged_in_file"),
     Check("low_percent_good", "qartod_percent_good"),
@@ -173,6 +194,7 @@ CHECKS = (  # in the order of their bits
     Check("spike", "qartod_spike", _spikes, threshold="spike",
           sentence="more than {spike:g} robust standard deviations off the running median"),
     Check("flagged_by_hand", "flagged_by_operator"),
+    Check("zero_filled", "zero_filled", _zero_filled, sentence="exactly zero amid a current, as missing values"),
 )  # fmt: skip
 MASKS = {check.count: np.int32(1 << k) for k, check in enumerate(CHECKS)}
 

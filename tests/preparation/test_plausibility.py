@@ -39,6 +39,12 @@ def wake_locked(n: int = 60, seed: int = 4):
     return replace(given, east=flow, north=0.1 * flow, pitch_deg=pitch, roll_deg=roll)
 
 
+def filled_with_zeros():
+    rows = [5, 10, 15, 48, 55]  # where the current is above 20 cm/s
+    flow = [np.where(np.isin(np.arange(N), rows)[:, None], 0.0, x) for x in (wake_locked().east, wake_locked().north)]
+    return replace(wake_locked(), east=flow[0], north=flow[1])
+
+
 # Faulty versions of a good record of 60 hours at 100 m in 500 m of water, by their count, with the number expected.
 FAULTS = {
     "impossible_speed": (changed("east", (7, 1), 30.0), 1),
@@ -46,6 +52,7 @@ FAULTS = {
     "impossible_depth": (changed("depth_m", slice(None), np.linspace(90.0, 900.0, N)), 66),
     "bins_without_length": (changed("bin_range_m", 3, 10.0), 3),
     "frozen_velocity": (replace(turning(), east=np.full((N, 3), 0.1), north=np.full((N, 3), 0.2)), 180),
+    "zero_filled": (filled_with_zeros(), 15),
     "heading_stuck": (changed("heading_deg", slice(20, 40), 33.0 + 0.02 * np.arange(20)), 19),
     "heading_frozen": (changed("heading_deg", slice(None), 33.0), 60),
     "tilt_frozen": (replace(turning(), pitch_deg=np.full(N, 3.0), roll_deg=np.full(N, 1.0)), 60),
@@ -81,6 +88,18 @@ def test_constant_velocity_is_bad_and_a_compass_with_minimal_variation_is_stuck(
     still = replace(turning(), east=np.zeros((N, 3)), north=np.zeros((N, 3)))
     assert apply_deployment(still, **LONG).counts["frozen_velocity"] == 0
     assert list(np.flatnonzero(settled("heading_stuck").heading_quality == PROBABLY_BAD)) == list(range(21, 40))
+
+
+@pytest.mark.parametrize("amplitude_m_s", [0.08, 0.3, 1.0])
+@pytest.mark.parametrize("by_rotor", [True, False])
+def test_slack_water_is_not_taken_for_missing_values(amplitude_m_s, by_rotor):
+    hours = np.arange(0.0, 8766.0, 0.25)  # a rectilinear tide in whole cm/s, or hourly means of a rotor from 2 cm/s on
+    flow = amplitude_m_s * np.sin(2.0 * np.pi * hours / 12.42) * (1.0 + 0.3 * np.sin(hours / 54.0))
+    east = np.abs(flow).reshape(-1, 4).mean(axis=1) if by_rotor else flow[::4]
+    east = (np.where(east < 0.02, 0.0, east) if by_rotor else east.round(2))[:, None]
+    given = one_record(HOUR * np.arange(float(len(east))), heading=np.linspace(0.0, 3000.0, len(east)) % 360.0)
+    found = flag_quality(replace(given, east=east + 0.0 * given.east, north=0.0 * given.north), 500.0)
+    assert found.counts["zero_filled"] == 0
 
 
 @pytest.mark.parametrize("name", ["eh2", "03160000", "adp_sentinel", "winriver02"])

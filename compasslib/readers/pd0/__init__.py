@@ -25,7 +25,7 @@ from compasslib.readers.pd0.currents import Settings, looks_up
 from compasslib.readers.pd0.fields import COUNTS, DROPPED, STRAY, Coordinates, Ensembles
 from compasslib.readers.pd0.frames import EnsembleRun, Skipped, batches, find_ensembles
 from compasslib.readers.times import describe_averages
-from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, PROBABLY_GOOD, Flags, Record
+from compasslib.records import BAD, GOOD, MISSING, PROBABLY_GOOD, Flags, Record
 from compasslib.types import DAY_S, Floats
 
 ADVICE = "give each recording as a file of its own"
@@ -352,8 +352,8 @@ def flag_strays(leaders: Ensembles) -> tuple[Flags, dict[str, int], list[str]]:
     for k in np.flatnonzero(jumps)[:3].tolist():  # which of the two it was, the file does not tell
         ends, numbers = leaders.time_s[k : k + 2].astype("datetime64[s]").astype(str), leaders.number[k : k + 2]
         notes.append(
-            f"Time steps from {' to '.join(ends)} between ensembles {numbers[0]} and {numbers[1]}, whose numbers follow "
-            "each other: recording paused, or the clock was set and later times are wrong; check the deployment's log."
+            f"Time steps from {' to '.join(ends)} between ensembles {numbers[0]} and {numbers[1]}, whose numbers "
+            "follow each other: recording paused, or the clock was set and later times are wrong; check the log."
         )
     return np.where(other, BAD, GOOD).astype(np.int8), {"other_instrument": count}, notes
 
