@@ -140,20 +140,22 @@ def _zero_filled(record: Record, _: None, water_depth: float) -> Bools:
     """Find velocities of exactly zero in bins where they stand for missing values.
 
     A current passes through slow speeds when it turns, and a rotor stops below 2 cm/s (Aanderaa RCM): zeros are missing
-    values where more of them lie between two speeds above 10 cm/s than speeds of up to 3 cm/s do.
+    values where more of them lie between two speeds above 10 cm/s than speeds of up to 3 cm/s do, and several in
+    sequence from an instrument that resolves speeds below 1 cm/s, which a rotor does not.
     """
-    fast_m_s, slow_m_s, fewest = 0.10, 0.03, 4
+    fast_m_s, slow_m_s, least_m_s, fewest = 0.10, 0.03, 0.01, 4
     filled = np.zeros(record.east.shape, dtype=bool)
     for column, east, north in zip(filled.T, record.east.T, record.north.T, strict=True):
         speed = np.hypot(east, north)
         zero, moving = np.flatnonzero(speed == 0.0), np.flatnonzero(speed > 0.0)
         if len(zero) < fewest or not len(moving):
             continue
-        flow = np.pad(speed[moving], 1)
-        at = np.searchsorted(moving, zero)
-        amid = int(np.sum(np.minimum(flow[at], flow[at + 1]) > fast_m_s))
+        flow, before = np.pad(speed[moving], 1), np.searchsorted(moving, zero)
+        amid = int(np.sum(np.minimum(flow[before], flow[before + 1]) > fast_m_s))
         turning = int(np.sum((flow[1:-1] < slow_m_s) & (np.minimum(flow[:-2], flow[2:]) > fast_m_s)))
-        column[zero] = amid > max(turning, fewest - 1)
+        in_sequence = np.bincount(before)[before] >= fewest
+        resolved = np.sum(speed[moving] < least_m_s) >= fewest
+        column[zero] = (amid > max(turning, fewest - 1)) | (in_sequence & resolved)
     return filled
 
 

@@ -90,6 +90,17 @@ def test_constant_velocity_is_bad_and_a_compass_with_minimal_variation_is_stuck(
     assert list(np.flatnonzero(settled("heading_stuck").heading_quality == PROBABLY_BAD)) == list(range(21, 40))
 
 
+@pytest.mark.parametrize(("digits", "expected"), [(3, 100), (2, 0)])
+def test_zeros_in_sequence_are_missing_values_where_slower_speeds_are_resolved(digits, expected):
+    rng, hours = np.random.default_rng(2), np.arange(2000)
+    flow = (0.03 * rng.normal(size=(2, 2000, 1))).round(digits)
+    flow[:, 500:600] = 0.0
+    given = one_record(HOUR * hours, heading=rng.uniform(0.0, 360.0, 2000))
+    east, north = np.broadcast_to(flow, (2, *given.east.shape))
+    found = flag_quality(replace(given, east=east, north=north), 500.0)
+    assert (found.quality == BAD).all(axis=1).sum() == expected
+
+
 @pytest.mark.parametrize("amplitude_m_s", [0.08, 0.3, 1.0])
 @pytest.mark.parametrize("by_rotor", [True, False])
 def test_slack_water_is_not_taken_for_missing_values(amplitude_m_s, by_rotor):
