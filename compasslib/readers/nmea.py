@@ -181,30 +181,29 @@ def _number(text: object) -> float:
 
 
 def _sentences(paths: Sequence[Path], counts: Counter[str], wanted: Sequence[str]) -> Iterator[tuple[int, Any]]:
-    """Iterate over (running line number, intact sentence); raise an error if most wanted ones in a file are damaged."""
+    """Iterate over (running number, intact sentence); raise an error if most wanted ones in a file are damaged."""
     import pynmea2
 
-    line_number = count()
+    number = count()
     for path in paths:
         content = read_text_bytes(Path(path))
         counts["strange_bytes"] += count_unprintable(content)
         of_wanted = Counter[bool]()
-        for text, line in zip(content.decode("ascii", errors="replace").splitlines(), line_number, strict=False):
-            if "heading_first" not in counts and (named := [kind for kind in wanted if kind in text]):
-                counts["heading_first"] = int(named[0] == wanted[0])  # whether or not the sentence is intact
-            start = text.rfind("$")
-            if start < 0:
-                continue
+        written = content.decode("ascii", errors="replace")
+        if "heading_first" not in counts and (named := [kind for kind in wanted if kind in written]):
+            counts["heading_first"] = int(min(named, key=written.find) == wanted[0])  # intact or not
+        # A logger may lose the end of a line.
+        for text in (f"${sentence}" for line in written.splitlines() for sentence in line.split("$")[1:]):
             whole = True
             try:
-                yield line, pynmea2.parse(text[start:].strip(), check=True)
+                yield next(number), pynmea2.parse(text.strip(), check=True)
                 counts["read"] += 1
             except pynmea2.SentenceTypeError:
                 counts["other"] += 1
             except (pynmea2.ParseError, ValueError):
                 counts["damaged"] += 1
                 whole = False
-            of_wanted[whole] += text[start + 3 : start + 6] in wanted
+            of_wanted[whole] += text[3:6] in wanted
         refuse_mostly_damaged(path, " and ".join(wanted), damaged=of_wanted[False], whole=of_wanted[True])
 
 

@@ -58,6 +58,11 @@ def test_pairs_contain_the_encoded_values(tmp_path):
     assert read.warnings == ()
 
 
+def test_sentences_without_a_line_end_between_them_are_all_read(tmp_path):
+    read = log(tmp_path, "".join(lines()).encode())
+    assert read.heading_deg.tolist() == [0.0, 10.0, 20.0, 30.0, 40.0, 50.0] and not read.counts.get("damaged")
+
+
 @pytest.mark.parametrize("apart_s", [1, 10])
 @pytest.mark.parametrize("order", [1, -1])
 def test_one_heading_and_one_course_a_block_belong_together(tmp_path, order, apart_s):
