@@ -62,6 +62,7 @@ class Site:
     latitude: float  #: degrees north
     longitude: float  #: degrees east
     water_depth_m: float | None = None  #: m; None where it is not known
+    instrument: str = ""  #: name of the affected instrument, where several of the mooring are corrected
 
     def signed_longitude(self) -> float:
         """Wrap the longitude to [-180, 180]; a value in that range is returned unchanged."""
@@ -159,11 +160,12 @@ def iso_duration(seconds: float) -> str:
 
 def _what(site: Site, time_s: Floats, headings: tuple[int, int], method: str) -> Attributes:
     recorded, corrected = headings
-    platform = re.sub(r"[\s_]+", "-", site.name)  # OceanSITES reserves the underscore as field separator
+    named = f"{site.name} {site.instrument}".strip()
+    platform = re.sub(r"[\s_]+", "-", named)  # OceanSITES reserves the underscore as field separator
     deployment = [iso_time(time_s[0])[:7].replace("-", "")] if len(time_s) else []
     levels = ("Known bad data has been replaced with null values", "Post-recovery calibrations have been applied")
     return {
-        "title": f"Currents of mooring {site.name}, corrected for the magnetic deviation of the compass",
+        "title": f"Currents of mooring {named}, corrected for the magnetic deviation of the compass",
         "summary": (
             f"Currents of mooring {site.name} at {site.latitude:.4f}, {site.signed_longitude():.4f} (degrees north, "
             "east), from an instrument whose compass is subject to magnetic deviation: headings and velocities as "

@@ -400,13 +400,16 @@ class GriddedCurrents(records.Labelled):
                 rest, without an uncertainty of its own.
 
         Raises:
-            InputError: the depths do not lie within those of the file, or no time has velocities at enough of them.
+            InputError: the depths do not lie within those of the file, the width is not positive, or no time has
+                velocities at enough of the depths.
             ImportError: xarray is not installed.
         """
         upper, lower = self.bounds_m.T if len(self.bounds_m) else np.zeros((2, 1))
         if not upper[0] <= from_m < to_m <= lower[-1]:
             expected, advice = f"from_m and to_m within {upper[0]:g} to {lower[-1]:g} m", "name other depths"
             raise InputError(self.path, expected=expected, found=f"{from_m:g} to {to_m:g}", advice=advice)
+        if not width_m > 0.0:
+            raise InputError("width_m", expected="a width above 0 m", found=f"{width_m:g}", advice="write the width")
         flow, remainder, source = self._terms
         height_m = np.maximum(np.minimum(lower, to_m) - np.maximum(upper, from_m), 0.0) * (source >= 0)
         share = height_m.sum(axis=1) / (to_m - from_m)

@@ -57,8 +57,9 @@ def _read(name: str, path: str | Path) -> _Deployment:
 
 
 def join_daily(
-    path: str | Path, deployments: Mapping[str, str | Path], site: str, attributes: Mapping[str, object]
-) -> list[str]:
+    path: str | Path, deployments: Mapping[str, str | Path], site: str, attributes: Mapping[str, object],
+    common: Sequence[str] = (),
+) -> list[str]:  # fmt: skip
     """Write the joined file, and return a sentence on each seam between two deployments.
 
     Of a cell that several deployments have, the one with most samples is used. The error of the declination is common
@@ -67,6 +68,7 @@ def join_daily(
     Args:
         deployments: gridded_daily.nc by name of the deployment, in order of time.
         attributes: global attributes from the YAML files.
+        common: further sentences, on what the deployments have in common.
 
     Raises:
         InputError: no deployment has any.
@@ -86,7 +88,7 @@ def join_daily(
     days = np.arange(min(d.days[0] for d in each), max(d.days[-1] for d in each) + 1)
     depth_m = top_m + step_m * np.arange(max(d.levels[-1] for d in each) + 1)
     axes = Axes(DAY_S * (days + 0.5), DAY_S, depth_m, step_m)
-    seams = [_describe_seam(*pair) for pair in pairwise(each)]
+    seams = [*(_describe_seam(*pair) for pair in pairwise(each)), *common]
     errors, turned, shrinkage = _join_headings(each, days)
     with gridded.create_gridded(
         path, "gridded-daily", _describe(site, each, attributes, deployments.values(), seams), axes, errors, turned,

@@ -124,7 +124,8 @@ def _inspect_mooring(inspection: Inspection, name: str, cruise: Cruise) -> None:
             match_serial_number(f"{name}: {role}", record.serial_number, rules.serial_number(name, role))
     by = f"calibration {' and '.join(fit.name)}" if fit.name else fit.method
     also = "".join(f"; {each} ({covariate.format})" for each, covariate in mooring.covariates.items())
-    corrected = mooring.reference or fit.name or fit.file or fit.coefficients
+    shares = any(name in moorings and len(moorings) > 1 for moorings, _ in cruise.compasses.values())
+    corrected = mooring.reference or fit.name or fit.file or fit.coefficients or shares
     also += "" if corrected else "; no reference, so nothing is corrected"
     place = f"{name}: {angles.position(mooring.latitude, mooring.longitude)}"
     inspection.lines += [

@@ -25,6 +25,7 @@ CALIBRATION_HEADER = (
 )
 SAME = "same"
 SIGMA, FLAG = "HEADING_CORRECTED_UNCERTAINTY", "HEADING_CORRECTED_QC"
+GRIDDED, AXES = ("gridded.nc", "gridded_daily.nc"), ("TIME", "DEPTH")
 PAGES = ("deviation", "diagnosis", "assessment")
 # Variables, attributes and keys that follow from quantities with columns of their own, or that state the software.
 TURNED = ("HEADING_CORRECTED", "HEADING_TRUE", "DEVIATION", "BRANCH_PROBABILITY", "UCUR", "VCUR")
@@ -116,16 +117,34 @@ def _compare_moorings(*folders: Path) -> tuple[str, ...]:
     shares = [words.percent(np.isfinite(heading).mean() if heading.size else 0.0) for heading in true]
     outcome = _outcome(before["diagnosis"], after["diagnosis"])
     fitted = _coefficients(before["deviation"], after["deviation"])
+    flags = _flag_changes(old, new, here, there)
     names = _unequal(old, new)
     if turned[0] != SAME:  # variables that turn with the heading are left out
-        follow = {f"{name}{end}" for name in TURNED for end in ("", "_QC", "_UNCERTAINTY")} - {SIGMA}
+        ends = ("", "_UNCERTAINTY", *["_QC"] * (flags != SAME))
+        follow = {f"{name}{end}" for name in TURNED for end in ends} - {SIGMA}
         names = [name for name in names if name not in follow]
     names += [f"attribute {key}" for key in _unequal(old_attributes, new_attributes)]
     shown = {"assessment": turned[0] == SAME, "diagnosis": {*outcome} == {SAME}, "deviation": fitted == SAME}
     names += [f"{page}.json" for page, alike in shown.items() if alike and before[page] != after[page]]
     sigma = old[SIGMA][here] if SIGMA in old else np.full(turn.shape, np.nan)
-    in_sigmas, flags = _change_in_sigmas(np.abs(turn), sigma), _flag_changes(old, new, here, there)
+    in_sigmas = _change_in_sigmas(np.abs(turn), sigma)
+    names += [text for file in GRIDDED if (text := _compare_grids(file, folders, turned[0] != SAME))]
     return (*turned, in_sigmas, _from_to(*shares), flags, *outcome, fitted, ", ".join(names) or SAME)
+
+
+def _compare_grids(file: str, folders: Sequence[Path], turned: bool) -> str:
+    """List what differs between two gridded files, only levels and times if headings turned; empty if nothing does."""
+    sides = []
+    for path in (folder / file for folder in folders):
+        if path.is_file():
+            with open_netcdf(path) as nc:
+                names = AXES if turned else [name for name in nc.variables if nc[name].dimensions]
+                sides.append({name: read_variable(nc, name) for name in names})
+    if len(sides) < len(folders):
+        return f"{file} (on one side)" if sides else ""
+    names = _unequal(*sides)
+    resized = [f"{name} {' → '.join(str(side[name].size) for side in sides)}" for name in names if name in AXES]
+    return f"{file} ({', '.join(resized or names)})" if names else ""
 
 
 def _read_product(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -47,12 +47,20 @@ def export(asked: Namespace) -> int:
         advice = "write for example compass export EG4 --to csv"
         raise InputError("MOORING", expected=f"the name of a mooring with --to {asked.to}", found="none", advice=advice)
     product = "gridded.nc" if asked.to == "erddap" else "corrected.nc"
-    source = results.mooring_folder(asked.cruise, asked.mooring) / product
+    folder = results.mooring_folder(asked.cruise, asked.mooring)
+    source = folder / product
+    if not source.is_file():
+        parts = [f"{asked.mooring}/{path.parent.name}" for path in sorted(folder.glob(f"*/{product}"))]
+        advice = f"write {' or '.join(parts)}" if parts else f"look why: compass explain {asked.mooring}"
+        raise InputError(asked.mooring, expected=f"{product} among its results", found="none", advice=advice)
     if asked.to == "pd0":
         files = _export_pd0(asked, source, into)
     else:
         write, name = FORMATS[asked.to]
-        name = name.format(stem=source.parent.resolve().name, id=read_attribute(source, "id"))
+        name = name.format(
+            stem="_".join(source.parent.resolve().parts[-2 if "/" in asked.mooring else -1 :]),
+            id=read_attribute(source, "id"),
+        )
         files = _available_files(into, *([name, f"{name}.json"] if asked.to == "csv" else [name]))
         write(source, *files)
     print(*files, sep="\n")

@@ -24,7 +24,8 @@ from compasslib.stages.settings import Moorings
 
 MOORING_FILES = ("corrected.nc", "deviation.json", "diagnosis.json", "assessment.json", "work/field.json")
 CALIBRATION_FILES = ("calibration.json", "table.csv")
-COMPARED = ("corrected.nc", ".json", "table.csv")  # files of a deposit that are unpacked for comparison
+# Files of a deposit that are unpacked for comparison.
+COMPARED = ("corrected.nc", "gridded.nc", "gridded_daily.nc", ".json", "table.csv")
 
 
 def mooring_folder(cruise: str, mooring: str, parts: Sequence[str] = ("",), what: str = "mooring") -> Path:

@@ -379,7 +379,7 @@ def join_compass(name: str, members: Sequence[Member], min_effect_deg: float) ->
     shared = infer_shared(fitting)
     if shared is None:
         count = sum(member.effects is not None for member in fitting)
-        why = f"{count} of its records fit each other and were searched; 2 are needed to share an effect"
+        why = f"{len(fitting)} of its records fit each other, {count} were searched; 2 are needed to share an effect"
         diagnosis = insufficient(why)
     else:
         findings = [effect.finding for effect in shared.effects]

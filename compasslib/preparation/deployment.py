@@ -93,14 +93,17 @@ def apply_deployment(
     record = replace(record, heading_quality=np.where(bad, BAD, record.heading_quality).astype(np.int8))
     if not flags_by_hand:
         return replace(record, counts=record.counts | {"flagged_by_hand": 0})
-    flags, tests = record.quality.copy(), np.array(record.tests)
+    flags, tests, missed = record.quality.copy(), np.array(record.tests), []
     for by_hand in flags_by_hand:
         within = (record.time_s >= by_hand["from_s"]) & (record.time_s <= by_hand["to_s"])
         low, high = by_hand["depths"] or (-np.inf, np.inf)
         here = within[:, None] & (record.bin_depth_m() >= low) & (record.bin_depth_m() <= high) & (flags != MISSING)
+        if not here.any():
+            ends = " to ".join(np.array([by_hand["from_s"], by_hand["to_s"]]).astype("datetime64[s]").astype(str))
+            missed.append(f"flags_by_hand of {ends}: no velocity is within these times and depths")
         flags[here], tests[here] = by_hand["flag"], tests[here] | MASKS["flagged_by_hand"]
     counts = record.counts | {"flagged_by_hand": int(np.sum(tests & MASKS["flagged_by_hand"] > 0))}
-    return replace(record, quality=flags, tests=tests, counts=counts)
+    return replace(record, quality=flags, tests=tests, counts=counts, warnings=(*record.warnings, *missed))
 
 
 def follow_neighbour(

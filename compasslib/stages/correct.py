@@ -145,11 +145,21 @@ def grid(
             say(f"{mooring}: {f'{part.source.name}: ' * (len(affected) > 1)}{sentence}")
 
 
-def join_site(site: str, files: Files, say: Say, *, names: Sequence[str], attributes: Settings) -> None:
-    """Join the daily means of the deployments of a site, ``names`` in order of time, as far as they have any."""
+def join_site(
+    site: str, files: Files, say: Say, *, names: Sequence[str], attributes: Settings, compasses: Sequence[str]
+) -> None:
+    """Join the daily means of the deployments of a site, ``names`` in order of time, as far as they have any.
+
+    Several deployments share each of the ``compasses``.
+    """
     paths = {Path(path).parent.name: path for path in files.daily}
     there = {name: paths[name] for name in names if name in paths}
-    seams = sites.join_daily(files.joined, there, site, attributes)
+    common = [
+        f"deployments share the compass {name}: errors of its coefficients are partly common to them, and a mean over "
+        f"all {len(there)} has up to {len(there) ** 0.5:.1f} times the uncertainty that follows from the modes"
+        for name in compasses
+    ]
+    seams = sites.join_daily(files.joined, there, site, attributes, common)
     say("\n".join([f"{site}: daily means of {', '.join(there)} joined", *(f"{site}: {seam}" for seam in seams)]))
 
 

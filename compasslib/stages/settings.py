@@ -98,7 +98,9 @@ class Moorings:
         return [f"results/{name}/gridded_daily.nc" for name in there]
 
     def join_site(self, site: str) -> Arguments:
-        return {"names": self.sites[site], "attributes": self._attributes(self.parts(self.sites[site][0])[0])}
+        names, attributes = self.sites[site], self._attributes(self.parts(self.sites[site][0])[0])
+        compasses = [name for name, (moorings, _) in self.cruise.compasses.items() if len({*moorings} & {*names}) > 1]
+        return {"names": names, "attributes": attributes, "compasses": compasses}
 
     def read(self, name: str, role: str) -> Arguments:
         return self._reading(name, role) | {
@@ -160,7 +162,7 @@ class Moorings:
         roles = dict.fromkeys(role for part in self.parts(name) for role in self.roles(part))
         by_hand = [f"{role}: {flag}" for role in roles for flag in mooring.instruments[role].flags_by_hand]
         return {
-            "site": {"name": mooring.name} | _place(mooring),
+            "site": {"name": mooring.name, "instrument": name.partition("/")[2]} | _place(mooring),
             "attributes": self._attributes(name),
             "superseded": self.superseded(name),
             "by_hand": by_hand,

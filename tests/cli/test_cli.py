@@ -340,6 +340,24 @@ def test_diff_reports_lost_headings_changed_flags_and_variables(runs, copied, ca
     assert "120 of 600 (1 → 3: 100, 1 → 4: 20)" in row
 
 
+def test_diff_reports_changes_of_gridded_products_and_of_velocity_flags(runs, copied, capsys):
+    for folder, speed in ((runs / "old/M1", 0.4), (copied, 0.5)):
+        with netCDF4.Dataset(folder / "gridded_daily.nc", "w") as nc:
+            nc.createDimension("DEPTH", 3)
+            nc.createVariable("UCUR", "f8", ("DEPTH",))[:] = speed
+            nc.createVariable("DEPTH", "f8", ("DEPTH",))[:] = 10.0
+            nc.createVariable("TIME", "f8", ("DEPTH",))[:] = 0.0
+    assert main(["diff", str(runs / "old"), str(copied)]) == 0
+    assert "gridded_daily.nc (UCUR)" in capsys.readouterr().out.splitlines()[1]
+    (runs / "old/M1/gridded_daily.nc").unlink()
+    with netCDF4.Dataset(copied / "corrected.nc", "a") as nc:
+        nc["HEADING_CORRECTED"][:] = nc["HEADING_CORRECTED"][:] + 3.0
+        nc["UCUR_QC"][:9] = 4
+    assert main(["diff", str(runs / "old"), str(copied)]) == 0
+    row = capsys.readouterr().out.splitlines()[1]
+    assert "UCUR_QC" in row and "VCUR_QC" not in row and "gridded_daily.nc (on one side)" in row
+
+
 def test_diff_compares_samples_by_order_if_the_clock_was_corrected(runs, copied, capsys):
     with netCDF4.Dataset(copied / "corrected.nc", "a") as nc:
         nc["TIME"][:] = nc["TIME"][:] + 95.0 / 86400.0

@@ -83,10 +83,12 @@ def test_flags_by_hand_replace_others_in_their_depths():
     flags = [
         {"from_s": 2 * HOUR, "to_s": 3 * HOUR, "depths": (0.0, 75.0), "flag": 3},
         {"from_s": 3 * HOUR, "to_s": 3 * HOUR, "depths": None, "flag": 2},
+        {"from_s": 5 * HOUR, "to_s": 6 * HOUR, "depths": (300.0, 400.0), "flag": 4},
     ]
     settled = apply_deployment(given, **SETTINGS, flags_by_hand=flags)
     assert settled.quality[1:5].tolist() == [[1, 1, 4], [1, 3, 4], [2, 2, 2], [1, 1, 4]]
     assert settled.counts["flagged_by_hand"] == 4 and (settled.heading_quality == GOOD).all()
+    assert "flags_by_hand of 1970-01-01T05:00:00 to 1970-01-01T06:00:00: no velocity" in settled.warnings[-1]
     bits = settled.tests & MASKS["flagged_by_hand"] > 0
     assert np.argwhere(bits).tolist() == [[2, 1], [3, 0], [3, 1], [3, 2]]
 
