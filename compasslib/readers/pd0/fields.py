@@ -276,10 +276,11 @@ def _decode_variable(rows: Bytes, layout: Layout) -> dict[str, Any]:
     leader, whole = _leader(rows, layout, VARIABLE_LEADERS, _VARIABLE)
     fixed, _ = _leader(rows, layout, FIXED_LEADERS, _FIXED)
     heading = leader["heading"] / 100.0
-    newer = leader["century"] > 0  # use the clock with a century if it is set, else the one with a two-digit year
+    full = 100 * leader["century"].astype(np.int64) + leader["clock_2000"][:, 0]
+    newer = (full >= FIRST_YEAR) & (full <= LAST_YEAR)  # else the clock with a two-digit year
     clock = np.where(newer[:, None], leader["clock_2000"], leader["clock"]).astype(np.int64)
     two_digits = clock[:, 0] + np.where(clock[:, 0] < FIRST_YEAR - 1900, 2000, 1900)
-    year = np.where(newer, 100 * leader["century"].astype(np.int64) + clock[:, 0], two_digits)
+    year = np.where(newer, full, two_digits)
     has_pressure = ((fixed["sensors"] & 0x20) > 0) & ("pressure" in whole)
     return {
         "number": leader["number"] + 65536 * leader["number_high"].astype(np.int64),
