@@ -156,7 +156,8 @@ def _inside(record: Record, start_s: float, end_s: float) -> Record:
     if again.size:  # samples with the same time and values as another, as where two downloads overlap
         later, before = order[again + 1], order[again]
         place = there[~np.isin(there, later[same_samples(record, later, before)])]
-    backwards = int(np.sum(np.diff(record.time_s[place]) < 0))
+    back_s = record.time_s[place][:-1][np.diff(record.time_s[place]) < 0]
+    backwards = len(back_s)
     place = place[np.argsort(record.time_s[place], kind="stable")]
     first = np.append(True, np.diff(record.time_s[place]) > 0)[: len(place)]
     repeated = int(np.sum(~first))
@@ -165,7 +166,8 @@ def _inside(record: Record, start_s: float, end_s: float) -> Record:
     counts["time_repeated"] = len(there) - int(first.sum())
     notes += check_coverage(record.time_s[valid], inside[valid], start_s, end_s)
     if backwards:
-        notes.append(f"the clock goes backwards {backwards} times; samples were put in order of time")
+        first_at = str(back_s[:1].astype("datetime64[s]")[0])
+        notes.append(f"the clock goes backwards {backwards} times, first after {first_at}: samples were put in order")
     if repeated:
         notes.append(f"{repeated} samples repeat a time and were left out")
     place = place[first]
