@@ -110,8 +110,7 @@ def _hourly(series: SpeedSeries, first_s: float, hours: int) -> tuple[Floats, Fl
     slot = np.rint((time_s - first_s) / HOUR_S).astype(int)
     count = np.bincount(slot, minlength=hours)
     mean, present = np.bincount(slot, speed, hours) / np.maximum(count, 1), (count > 0).astype(float)
-    total, near = (np.convolve(x, np.ones(73), "same") for x in (mean * present, present))
-    fast = (mean - total / np.maximum(near, 1.0)) * present
+    fast = _high_pass(mean * present, present, 73)
     rms = np.sqrt(np.sum(fast**2) / max(float(present.sum()), 1.0))
     return np.clip(fast / max(rms, 1e-12), -3.0, 3.0), present, mean  # clipped, as a storm would outweigh months
 
@@ -138,14 +137,19 @@ def speed_delays(
     for series, speed in zip(fast, (upper, lower), strict=True):
         grid, present = np.zeros(count), np.zeros(count)
         grid[slot], present[slot] = np.nan_to_num(speed), np.isfinite(speed)
-        total, known = (np.convolve(x, np.ones(span), "same") for x in (grid, present))
-        series[:] = (grid - total / np.maximum(known, 1.0)) * present
+        series[:] = _high_pass(grid, present, span)
     width = max(count // most_windows, fewest_samples)
     begins = np.arange(0, count - width + 1, width)
     later = np.interp(np.arange(count), slot, np.broadcast_to(separation_h, len(slot)))
     delays = [_peak_h(fast[:, k : k + width], step_s, clearest) - later[k : k + width].mean() for k in begins.tolist()]
     clear = np.isfinite(delays)
     return ((begins + width / 2.0) * step_s / YEAR_S)[clear], np.array(delays)[clear], count * step_s / YEAR_S
+
+
+def _high_pass(values: Floats, present: Floats, span: int) -> Floats:
+    """Subtract the running mean over a number of samples, (n,); 0 where no value is present."""
+    total, near = (np.convolve(x, np.ones(span), "same") for x in (values, present))
+    return (values - total / np.maximum(near, 1.0)) * present
 
 
 def _peak_h(speeds: Floats, step_s: float, least: float) -> float:

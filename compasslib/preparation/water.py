@@ -187,12 +187,12 @@ def delay_of_current(record: Record, apart_m: float) -> float:
     before the other. The delay is scaled up from the longest distance of a shorter profile.
     """
     first, speed = 4, np.where(usable_velocities(record), np.hypot(record.east, record.north), np.nan)
-    range_m, found = np.nanmedian(record.bin_range_m, axis=0), []
+    range_m, delays_h = np.nanmedian(record.bin_range_m, axis=0), []
     for k, other in enumerate(bins_apart(record, apart_m)[:first].tolist()):
         distance_m = abs(float(range_m[other] - range_m[k]))
         if len(delays := speed_delays(record.time_s, speed[:, k], speed[:, other])[1]):
-            found.append(float(np.median(delays)) * max(apart_m / distance_m, 1.0))
-    return angles.rms(np.array(found)) if found else 0.0
+            delays_h.append(float(np.median(delays)) * max(apart_m / distance_m, 1.0))
+    return angles.rms(np.array(delays_h)) if delays_h else 0.0
 
 
 def veer_of_nearest_bins(record: Record, depth_m: Floats, bins: int) -> Veer:
