@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from compasslib.records import Record
 from compasslib.statistics.whitening import grid_positions, sampling_interval_s
-from compasslib.types import HOUR_S, YEAR_S, Bools, Floats
+from compasslib.types import DAY_S, HOUR_S, YEAR_S, Bools, Floats
 
 SpeedSeries = tuple[Floats, Floats]  # times and speeds, m/s, NaN where nothing was measured, (n,) each
 
@@ -125,11 +125,11 @@ def speed_delays(
 
     Returns:
         Years since the first sample and delays in hours of the windows in which the speeds are correlated, (w,), and
-        years of the record. No window if the interval exceeds two hours.
+        years of the record. No window if the interval exceeds two hours, or the record is shorter than ten days.
     """
     most_windows, fewest_samples, slow_h, clearest = 16, 100, 12.0, 0.2
     step_s = sampling_interval_s(time_s)
-    if step_s > 2.0 * HOUR_S or len(time_s) < fewest_samples:
+    if step_s > 2.0 * HOUR_S or len(time_s) < fewest_samples or np.ptp(time_s) < 10.0 * DAY_S:
         return np.zeros(0), np.zeros(0), 0.0
     slot = grid_positions(time_s)
     count, span = slot[-1] + 1, 2 * max(int(slow_h * HOUR_S / step_s), 1) + 1

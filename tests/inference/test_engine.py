@@ -60,13 +60,13 @@ def test_beside_an_unlisted_form_only_the_driver_that_both_share_or_the_side_is_
 def test_a_delay_of_the_current_between_depths_is_not_a_clock_error():
     years = np.linspace(0.03, 0.97, 16)
     scatter = np.random.default_rng(2).normal(0.0, 0.03, 16)
-    late = mooring._select_clock(years, -0.35 + scatter, 1.0)
+    late = mooring._select_clock(years, -0.35 + scatter, 1.0, mooring.DELAY_SIGMA_H)
     assert not late.named and abs(late.offset_h + 0.35) < 0.02 and late.offset_sigma_h >= mooring.DELAY_SIGMA_H
-    assert mooring._select_clock(years, -1.0 + scatter, 1.0).offset_named
+    assert mooring._select_clock(years, -1.0 + scatter, 1.0, mooring.DELAY_SIGMA_H).offset_named
     # In a short record the few windows are fitted together with a delay of given variance.
-    assert mooring._select_clock(years[:6] / 15.0, 2.9 + 10.0 * scatter[:6], 0.07).offset_named
+    assert mooring._select_clock(years[:6] / 15.0, 2.9 + 10.0 * scatter[:6], 0.07, mooring.DELAY_SIGMA_H).offset_named
     # A delay in addition to a drift does not bias the rate.
-    drift = mooring._select_clock(years, 0.2 + 0.9 * years + scatter, 1.0)
+    drift = mooring._select_clock(years, 0.2 + 0.9 * years + scatter, 1.0, mooring.DELAY_SIGMA_H)
     assert drift.drift_named and not drift.offset_named
     assert abs(drift.drift_h_year - 0.9) < 3.0 * drift.drift_sigma_h_year < 0.5
 

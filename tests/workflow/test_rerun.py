@@ -171,7 +171,7 @@ instruments.deep.timezone: '+01:00' | read
 instruments.deep.depth: 106 | read cruise_figures report
 instruments.deep.direction_reference: 'true' | read overlap diagnose grid
 instruments.deep.compass_sigma_deg: 3 | overlap grid
-instruments.deep.kind: rotor | grid
+instruments.deep.kind: rotor | overlap grid
 instruments.spare.depth: 301 | cruise_figures
 config/moorings/M2.yaml
 compromised: [mid, top] | usable grid
