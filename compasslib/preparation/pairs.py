@@ -177,7 +177,7 @@ def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs
         raise InputError("compromised and reference", expected=expected, found=shown, advice="correct files of one")
     if not len(pairs):
         return replace(pairs, warnings=tuple(_absent(upper, trusted)))
-    _refuse_other_frame(pairs)
+    pairs = replace(pairs, warnings=(*pairs.warnings, *_check_frame(pairs)))
     speeds = [np.median(np.abs(flow)) for flow in pairs.flows]
     medians = f"median speeds of the pairs are {speeds[0]:.3g} and {speeds[1]:.3g} m/s"
     # No two depths 20 m apart reach a ratio of 5.
@@ -334,12 +334,16 @@ def _unusable(record: Record, *, heading: bool) -> str:
     return next((reason for reason, holds in reasons.items() if holds), "")
 
 
-def _refuse_other_frame(pairs: Pairs) -> None:
+def _check_frame(pairs: Pairs) -> list[str]:
     """Reject directions that agree with the reference's only after adding or subtracting the heading, or mirroring.
 
-    Iron cannot cause this: a compass that turns full circle deviates about the true heading. Where the flow keeps one
-    direction or the compass hardly turns, the test cannot decide and passes. The slowest quarter is ignored.
+    Where the flow keeps one direction or the compass hardly turns, the test cannot decide and passes. The slowest
+    quarter is ignored. Iron as strong as the field halves each turn: the compass then shows half of the circle only,
+    and twice its readings are the headings up to a constant, so that this causes a warning.
     """
+    most_opposite = (
+        0.05  # share of readings on the other half, up to 0.014 in five moorings with iron of 0.85 to 1.05 H
+    )
     slower = np.min(np.abs(pairs.flows), axis=0)
     fast = slower >= np.quantile(slower, 0.25)
     upper, lower = (angles.direction(flow.real, flow.imag)[fast] for flow in pairs.flows)
@@ -349,10 +353,17 @@ def _refuse_other_frame(pairs: Pairs) -> None:
     best = min(others, key=others.__getitem__)
     if best == (-1, -1):  # as of an instrument that follows the flow, with iron as strong as the field
         plain = min(plain, _spread(upper - heading))
-    if len(heading) >= ENOUGH and others[best] * 1.8 < plain:
-        shown = f"directions that agree with those of the reference only where they are {OTHER_FRAMES[best]}"
-        advice = "check coordinates (EX), orientation, and east and north of both instruments"
-        raise InputError("affected instrument", expected="velocities as the file has them", found=shown, advice=advice)
+    if len(heading) < ENOUGH or others[best] * 1.8 >= plain:
+        return []
+    middle = float(angles.mean(heading))
+    if best == (-1, -1) and np.mean(np.abs(angles.difference(heading, middle)) > 90.0) < most_opposite:
+        return [
+            "directions agree with those of the reference where they are turned by the heading: iron is as strong as "
+            "the earth's field, or the velocities are in the instrument's coordinates (check EX)"
+        ]
+    shown = f"directions that agree with those of the reference only where they are {OTHER_FRAMES[best]}"
+    advice = "check coordinates (EX), orientation, and east and north of both instruments"
+    raise InputError("affected instrument", expected="velocities as the file has them", found=shown, advice=advice)
 
 
 def _spread(angle_deg: Floats) -> float:

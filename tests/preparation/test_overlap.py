@@ -94,6 +94,18 @@ def test_frame_check_passes_for_an_instrument_that_follows_the_flow_near_strong_
     assert len(check_pairs(locked, record([0.0]), [record([0.0])])) == n
 
 
+def test_iron_as_strong_as_the_field_is_not_refused_as_a_wrong_frame():
+    """The compass reads half of each turn: twice its readings are the headings up to a constant."""
+    rng, n = np.random.default_rng(1), 2000
+    flow, heading, zero = rng.uniform(0.0, 360.0, n), rng.uniform(-180.0, 180.0, n), np.zeros(n)
+    recorded = angles.wrap360(40.0 + heading / 2.0)
+    upper = angles.components(0.3, flow + recorded - heading + rng.normal(0.0, 10.0, n))
+    lower = angles.components(0.3, flow)
+    halved = Pairs(HOUR * np.arange(n), recorded, zero, zero, *upper, *lower, zero + 90.0, zero + 105.0, zero, zero)
+    found = check_pairs(halved, record([0.0]), [record([0.0])])
+    assert len(found) == n and "iron is as strong as the earth's field" in found.warnings[0]
+
+
 @pytest.mark.parametrize(("sign", "turns"), [(1, 1), (1, -1), (-1, 2), (-1, 0)])
 def test_velocities_in_a_wrong_frame_are_refused(sign, turns):
     """Ship coordinates declared as earth coordinates, or the reverse, or an up-looker declared as a down-looker."""
