@@ -79,7 +79,7 @@ def estimate_clock_offset(upper: Record, trusted: Sequence[Record], rules: PairR
     if not (trusted and len(upper.time_s) and len(trusted[0].time_s)):
         return ClockOffset()
     upper = _gridded(upper, rules)
-    velocity, depth = mean_of_nearest_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
+    velocity, depth = mean_of_nearest_bins(upper, _range_of_meter(upper, trusted[0], rules), rules.bins)
     cell = _trusted_cell(upper, depth, trusted[0], widen_rules(rules))
     return compare_speeds((upper.time_s, np.abs(velocity)), (cell.time_s, np.abs(cell.velocity)))
 
@@ -93,7 +93,7 @@ def find_pairs(
     recorded, tolerance_s = upper, 60.0 * rules.grid_tolerance_minutes
     lower = clocks.align(trusted[0]) if trusted else take(upper, np.zeros(0, dtype=np.intp))
     upper = _gridded(upper, rules)
-    velocity, depth = mean_of_nearest_bins(upper, np.zeros(len(upper.time_s)), rules.bins)
+    velocity, depth = mean_of_nearest_bins(upper, _range_of_meter(upper, lower, rules), rules.bins)
     cell = _trusted_cell(upper, depth, lower, rules)
     other, other_depth = (
         interpolate_series(cell.time_s, column, upper.time_s, tolerance_s=tolerance_s)
@@ -256,6 +256,18 @@ def _depth_by_speed(pairs: Pairs, upper: Record, depth_m: Floats) -> list[str]:
 def _gridded(upper: Record, rules: PairRules) -> Record:
     step_s, tolerance_s = 60.0 * rules.grid_minutes, 60.0 * rules.grid_tolerance_minutes
     return take(upper, grid_indices(upper.time_s, step_s=step_s, tolerance_s=tolerance_s))
+
+
+def _range_of_meter(upper: Record, lower: Record, rules: PairRules) -> Floats:
+    """Compute the range of a point meter that is within the profile but not near its beginning, (n,) m; else 0."""
+    none = np.zeros(len(upper.time_s))
+    if not len(lower.time_s) or not len(none) or lower.bin_range_m.shape[1] > 1:
+        return none
+    at = interpolate_series(lower.time_s, lower.depth_m, upper.time_s, tolerance_s=np.inf)
+    range_m = np.nan_to_num((at - upper.depth_m) * (-1.0 if upper.looks_up else 1.0))
+    nearest_m, farthest_m = np.nanmin(upper.bin_range_m), np.nanmax(upper.bin_range_m)
+    inside = nearest_m + rules.max_metres <= np.median(range_m) <= farthest_m and np.std(range_m) < rules.max_metres
+    return np.maximum(range_m, 0.0) if inside else none
 
 
 def _trusted_cell(upper: Record, depth: Floats, lower: Record, rules: PairRules) -> VelocitySeries:

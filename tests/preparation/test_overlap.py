@@ -134,6 +134,14 @@ def instruments(n=6000, *, seed=3, cell_m=4.0) -> tuple[Record, Record]:
     return replace(upper, east=tops[0], north=tops[1]), replace(lower, east=parts[2][:, None], north=parts[3][:, None])
 
 
+def test_meter_within_the_profile_is_paired_with_the_bins_around_it():
+    upper, lower = instruments(400)
+    upper = replace(upper, looks_up=False, bin_range_m=upper.bin_range_m + 20.0)  # 24 to 44 m below the instrument
+    for below_m, expected in ((40.0, 400), (80.0, 0)):
+        meter = replace(lower, depth_m=upper.depth_m + below_m)
+        assert len(find_pairs(upper, [meter], NORTH_FIELD, PairRules(max_metres=10.0))) == expected
+
+
 def late(lower: Record, hours) -> Record:
     return replace(lower, time_s=lower.time_s + HOUR * np.broadcast_to(hours, lower.time_s.shape))
 
