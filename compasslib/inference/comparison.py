@@ -75,6 +75,7 @@ class Options:
     surrogates: int = 199  # simulated records without an effect, against which its evidence and its gain are ranked
     reference_magnetic: bool = True  # whether the reference has a magnetic compass too
     share: bool = False  # whether to collect information for other records of the compass
+    clock_sigmas: float = findings.NAMED_SIGMAS  # normal score from which a clock error is named
 
 
 @dataclass(frozen=True, kw_only=True)

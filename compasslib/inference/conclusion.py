@@ -47,6 +47,7 @@ UNSETTLED = (
     "headings are flagged doubtful and the angle is included in their uncertainty until the configuration is "
     "corrected, or confirmed: {constant: true} states that the constant is real"
 )
+CORROBORATED_SIGMAS = 2.0  # normal score of a clock error that also explains a constant
 MOST_OUTLIERS = 0.03  # outlier share that flags a record; of 19 valid moorings up to 0.006, of a refuted one 0.02
 
 
@@ -84,7 +85,7 @@ def diagnose_constant(constant: ConstantOffset, pairs: Pairs) -> Diagnosis:
 
 
 def conclude(
-    search: Callable[[Pairs], Diagnosis],
+    search: Callable[..., Diagnosis],
     pairs: Pairs,
     record: Record,
     field: EarthField,
@@ -98,7 +99,7 @@ def conclude(
     """Diagnose a mooring as a whole: search, constant offset, doubtful periods and agreement on held-out pairs.
 
     Args:
-        search: searches pairs for unmodelled effects.
+        search: searches pairs for unmodelled effects; ``clock_sigmas`` is the normal score that a clock error needs.
         series: other series that the instrument logged, at the record's samples.
         fit: the configured fit.
         find_constant: estimates the constant offset of a fit; gives None if there is none or it is confirmed.
@@ -149,7 +150,7 @@ def conclude(
 
 
 def _search_or_question(
-    search: Callable[[Pairs], Diagnosis],
+    search: Callable[..., Diagnosis],
     pairs: Pairs,
     fit: DeviationFit,
     find_constant: Callable[[DeviationFit], ConstantOffset | None],
@@ -157,7 +158,8 @@ def _search_or_question(
     """Search a mooring, unless its constant offset matches a configuration error.
 
     In rotating (e.g. inertial) currents a clock error resembles a constant angle. A search that finds a clock error and
-    whose fit then has no offset that matches a configuration error is therefore used.
+    whose fit then has no offset that matches a configuration error is therefore used; as speeds and directions then
+    agree on it, speeds need not show it as clearly as alone.
     """
     constant = find_constant(fit)
     if constant is None:
@@ -171,7 +173,7 @@ def _search_or_question(
     if not constant.effect:
         return search(pairs), constant
     if constant.between_instruments:
-        searched = search(pairs)
+        searched = search(pairs, clock_sigmas=CORROBORATED_SIGMAS)
         if any(each.statement.side == "clock" and each.level for each in searched.findings):
             remaining = find_constant(product_of_diagnosis(fit, searched).fit)
             if remaining is None or not remaining.effect:

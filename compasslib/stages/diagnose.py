@@ -101,14 +101,14 @@ def _conclude(
         declination_deg = float(np.mean(along.declination_deg))
         return find_declination_error(along) or find_constant_offset(fit, near, declination_deg, biases)
 
-    def search(subset: Pairs) -> Diagnosis:
+    def search(subset: Pairs, **further: float) -> Diagnosis:
         if not options["enabled"]:
             return diagnoses.insufficient(DISABLED)
         from compasslib.inference.comparison import Options  # half of the job's imports
         from compasslib.inference.kinds.mooring import diagnose
 
         apart = ("enabled", "constant_confirmed")
-        chosen = Options(**{name: value for name, value in options.items() if name not in apart})
+        chosen = Options(**{name: value for name, value in options.items() if name not in apart} | further)
         at = np.searchsorted(upper.time_s, subset.time_s)
         logged = {name: column[at] for name, column in series.items()}
         far, shared = combine_references(netcdf.read_pairs(files.wide)), siblings.effects if siblings else None

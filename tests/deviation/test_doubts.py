@@ -265,7 +265,7 @@ def concluded(
     diagnosis: Diagnosis = CONSISTENT,
 ):
     return conclusion.conclude(
-        lambda _: diagnosis, seen, record_of(seen), field_of(seen), {}, fit=fit, find_constant=find,
+        lambda _, **how: diagnosis, seen, record_of(seen), field_of(seen), {}, fit=fit, find_constant=find,
         calibration=calibration,
     )  # fmt: skip
 

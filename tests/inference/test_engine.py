@@ -63,6 +63,8 @@ def test_a_delay_of_the_current_between_depths_is_not_a_clock_error():
     late = mooring._select_clock(years, -0.35 + scatter, 1.0, mooring.DELAY_SIGMA_H)
     assert not late.named and abs(late.offset_h + 0.35) < 0.02 and late.offset_sigma_h >= mooring.DELAY_SIGMA_H
     assert mooring._select_clock(years, -1.0 + scatter, 1.0, mooring.DELAY_SIGMA_H).offset_named
+    half = [mooring._select_clock(years, -0.5 + scatter, 1.0, mooring.DELAY_SIGMA_H, sigmas) for sigmas in (4.0, 2.0)]
+    assert [each.offset_named for each in half] == [False, True]  # the second where a constant corroborates it
     # In a short record the few windows are fitted together with a delay of given variance.
     assert mooring._select_clock(years[:6] / 15.0, 2.9 + 10.0 * scatter[:6], 0.07, mooring.DELAY_SIGMA_H).offset_named
     # A delay in addition to a drift does not bias the rate.

@@ -369,7 +369,7 @@ def test_clock_offset_is_attributed_to_the_clock_and_interpolation_not_to_veer()
 def test_clock_error_refuted_by_held_out_directions_only_warns(monkeypatch):
     drawn = world.planted(world.make(5, wide=True, n=HOURS), {})
     wrong = mooring.ClockError(-9.0, 0.0, 0.1, 0.1, True, False)
-    monkeypatch.setattr(mooring, "estimate_clock_error", lambda pairs: wrong)
+    monkeypatch.setattr(mooring, "estimate_clock_error", lambda pairs, sigmas: wrong)
     found = diagnosed(drawn)
     assert not [one for one in found.findings if one.side == "clock"]
     assert "held-out directions then agree less" in found.warnings[0] and found.to_json()["warnings"]

@@ -72,20 +72,22 @@ class ClockError:
         return np.asarray(HOUR_S * hours)
 
 
-def estimate_clock_error(pairs: Pairs) -> ClockError:
-    """Estimate the clock error from the current speeds; none is named if they do not determine it."""
+def estimate_clock_error(pairs: Pairs, sigmas: float = finding.NAMED_SIGMAS) -> ClockError:
+    """Estimate the clock error from the current speeds; none is named below a normal score of ``sigmas``."""
     separation_h = pairs.separation_minutes / 60.0 - pairs.speed_late_h
     years, ahead, span_years = speed_delays(pairs.time_s, *pair_speeds(pairs), separation_h)
     if len(years) < FEWEST_WINDOWS:
         return ClockError()
-    return _select_clock(years, ahead, span_years, float(np.hypot(DELAY_SIGMA_H, pairs.delay_h)))
+    return _select_clock(years, ahead, span_years, float(np.hypot(DELAY_SIGMA_H, pairs.delay_h)), sigmas)
 
 
-def _select_clock(years: Floats, ahead_h: Floats, span_years: float, delay_h: float) -> ClockError:
+def _select_clock(
+    years: Floats, ahead_h: Floats, span_years: float, delay_h: float, sigmas: float = finding.NAMED_SIGMAS
+) -> ClockError:
     """Select the simplest clock error that fits the windows, given a delay by the water: offset, drift, or both."""
     ones = np.ones(len(years))
     scatter = float(np.std(ahead_h - np.polynomial.Polynomial.fit(years, ahead_h, 1)(years), ddof=2))
-    fit = partial(_fit, ahead_h=ahead_h, scatter_h=scatter, delay_h=delay_h)
+    fit = partial(_fit, ahead_h=ahead_h, scatter_h=scatter, delay_h=delay_h, sigmas=sigmas)
     (offset, slope), least = fit(np.column_stack([ones, years]))
     (mean,), without_drift = fit(ones[:, None])
     (rate,), without_offset = fit(years[:, None])
@@ -108,7 +110,9 @@ class _Estimate(NamedTuple):
     is_significant: bool  # by Student's t distribution
 
 
-def _fit(design: Floats, ahead_h: Floats, scatter_h: float, delay_h: float) -> tuple[list[_Estimate], float]:
+def _fit(
+    design: Floats, ahead_h: Floats, scatter_h: float, delay_h: float, sigmas: float
+) -> tuple[list[_Estimate], float]:
     """Fit the windows, of a common delay by the water and ``scatter_h`` each: coefficients, and chi squared.
 
     The scatter is estimated, the delay's variance given: degrees of freedom by Welch and Satterthwaite.
@@ -122,7 +126,7 @@ def _fit(design: Floats, ahead_h: Floats, scatter_h: float, delay_h: float) -> t
     of_windows = variance * np.sum(estimator**2, axis=1)
     total = of_windows + delay_h**2 * estimator.sum(axis=1) ** 2
     freedom, sigma = (len(ahead_h) - 2) * (total / of_windows) ** 2, np.sqrt(total)
-    significant = stdtr(freedom, -np.abs(values) / np.maximum(sigma, 1e-6)) < ndtr(-finding.NAMED_SIGMAS)
+    significant = stdtr(freedom, -np.abs(values) / np.maximum(sigma, 1e-6)) < ndtr(-sigmas)
     chi2 = float(np.sum((whitener @ (ahead_h - design @ values)) ** 2))
     each = zip(values.tolist(), sigma.tolist(), significant.tolist(), strict=True)
     return [_Estimate(*row) for row in each], chi2
@@ -179,7 +183,7 @@ def diagnose(
     is_series = fit.method == "von_appen"
     exact = fit_deviation("exact", pairs) if is_series else fit
     first = exact_compass_findings(pairs, exact, fit, options.min_effect_deg) if is_series else []
-    repaired, exact, of_clock, doubted = _repair_clock(pairs, exact, estimate_clock_error(wide))
+    repaired, exact, of_clock, doubted = _repair_clock(pairs, exact, estimate_clock_error(wide, options.clock_sigmas))
     if of_clock:
         remain = np.isin(pairs.time_s, repaired.time_s)
         logged = {name: column[remain] for name, column in logged.items()}
