@@ -175,6 +175,7 @@ class LongComparison(Comparison):
     usual: Mapping[type[Effect], Floats] = field(default_factory=dict)  # prior standard deviation of each parameter
     prior: CoefficientPrior | None = None  # of A..E, from other records of the compass
     shared: SharedInformation = field(default_factory=dict)  # on effects, from other records of the compass
+    reference_turns: tuple[Floats, Floats] | None = None  # dates, and log likelihood ratio of a turn of the reference
 
 
 def compare_pairs(
@@ -225,6 +226,7 @@ def compare_pairs(
         not_testable=missing,
         prior=fit.prior,
         slow_shear=pairs.slow_shear,
+        reference_turns=covariate_series.reference_turns(pairs, angles.difference(observed, heading)),
         units={name: (units or {}).get(name, "1") for name in unnamed},
     )
 

@@ -320,6 +320,31 @@ def _flow_departures(pairs: Pairs, velocity: tuple[Complexes, Complexes], both: 
     return {"excursion_turn": across, "flow_turn": flow_turn} | dict(zip(FLOW_NAMES, parts, strict=True))
 
 
+def reference_turns(pairs: Pairs, residual_deg: Floats) -> tuple[Floats, Floats]:
+    """Compare at dates, (k,) seconds, that the reference turned with that it did not, by its own directions.
+
+    A step of the residual is one of the reference if the axis of its currents, before and after, turns by as much. By
+    how much currents turn by themselves is the median of all dates; a t distribution allows for more.
+
+    Returns:
+        The dates, and the log likelihood ratios.
+    """
+    most_s, fewest, freedom, least_deg = 30.0 * DAY_S, 100, 4.0, 1.0
+    begin_s, span_s = float(pairs.time_s[0]), float(np.ptp(pairs.time_s))
+    dates_s, window_s = begin_s + np.linspace(0.05, 0.95, 61) * span_s, min(most_s, span_s / 4.0)
+    axis = (pairs.lower_east + 1j * pairs.lower_north) ** 2
+    turns, steps = np.zeros(len(dates_s)), np.zeros(len(dates_s))
+    for k, date_s in enumerate(dates_s):
+        at = np.searchsorted(pairs.time_s, [date_s - window_s, date_s, date_s + window_s])
+        before, after = slice(at[0], at[1]), slice(at[1], at[2])
+        if min(np.diff(at)) >= fewest:
+            turns[k] = -angles.wrap180(angles.argument(axis[after].mean() * np.conj(axis[before].mean()))) / 2.0
+            steps[k] = angles.difference(*(angles.mean(residual_deg[part]) for part in (after, before)))
+    usual = max(1.48 * float(np.median(np.abs(turns))), least_deg)
+    unlikely, likely = (np.log1p((x / usual) ** 2 / freedom) for x in (turns, turns - steps))
+    return dates_s, (freedom + 1.0) / 2.0 * (unlikely - likely)
+
+
 def _independent_waves(waves: Complexes, lower: Complexes, both: Complexes, flow: Complexes) -> Complexes:
     """Remove from the waves of the reference's heading, (n, k), what follows the water at that time and its own depth.
 

@@ -43,6 +43,7 @@ class Option:
     sized: bool = False  # whether physics gives the size, so that the amplitude is 1
     cell: float = 1.0  # share of its form, where a form has several dates or places
     share: float = 0.0  # log prior probability, given one effect
+    log_ratio: float = 0.0  # log likelihood ratio by data other than the residual
 
     @property
     def name(self) -> str:
@@ -131,7 +132,7 @@ class Evidence:
     def log_bayes_factors(self) -> Floats:
         """Log Bayes factor of each option over none, times its prior share, noise marginalized, (g, r)."""
         none = self.none + self.log_prior
-        shares = np.array([option.share for option in self.options])
+        shares = np.array([option.share + option.log_ratio for option in self.options])
         total = np.logaddexp.reduce(none, axis=0)
         return log_sum((none[:, None] - total).astype(self.factors.dtype) + self.factors) + shares[:, None]
 

@@ -31,6 +31,7 @@ from compasslib.effects.composed import (
     place_effect,
 )
 from compasslib.effects.effect import DAY_S
+from compasslib.effects.reference import ReferenceSlip
 from compasslib.inference import covariates, design
 from compasslib.inference.design import FittedModel
 from compasslib.inference.evidence import (
@@ -318,7 +319,13 @@ def _score_inflation(fitted: FittedModel, options: Sequence[Option]) -> float:
 def enumerate_options(freed: FittedModel, midpoint: FittedModel) -> tuple[Option, ...]:
     """Enumerate the forms of all blocks, linearized at a midpoint; the residual of the freed model dates steps."""
     made = (*_listed(freed, midpoint), *_composed(midpoint))
-    return tuple(with_shares([option for option in made if option.columns.shape[1]]))
+    shared = with_shares([option for option in made if option.columns.shape[1]])
+    turns = midpoint.comparison.reference_turns
+    return tuple(
+        replace(each, log_ratio=float(np.interp(each.term.date, *turns)))
+        if turns and isinstance(each.term, ReferenceSlip) else each
+        for each in shared
+    )  # fmt: skip
 
 
 def _listed(freed: FittedModel, midpoint: FittedModel) -> Iterator[Option]:

@@ -73,6 +73,20 @@ def test_a_delay_of_the_current_between_depths_is_not_a_clock_error():
     assert abs(drift.drift_h_year - 0.9) < 3.0 * drift.drift_sigma_h_year < 0.5
 
 
+@pytest.mark.parametrize(("turned_deg", "likely"), [(8.0, True), (0.0, False)])
+def test_a_step_is_of_the_reference_if_the_axis_of_its_currents_turns_too(turned_deg, likely):
+    seen, _ = pairs(n=4000, seed=3)
+    scatter = np.exp(0.1j * np.random.default_rng(1).normal(size=4000))
+    tide = 0.3 * np.exp(0.4j) * np.cos(2 * np.pi * seen.time_s / 44714.0) * scatter
+    after = seen.time_s >= seen.time_s[2000]
+    east, north = angles.turn(tide.real, tide.imag, turned_deg * after)
+    dates_s, ratio = covariates.reference_turns(replace(seen, lower_east=east, lower_north=north), 8.0 * after)
+    at = float(np.interp(seen.time_s[2000], dates_s, ratio))
+    assert (at > 3.0 if likely else at < -3.0) and np.all(
+        np.abs(ratio[np.abs(dates_s - seen.time_s[2000]) > 3e6]) < 0.1
+    )
+
+
 def test_no_clock_error_is_named_for_good_clocks_or_sparse_pairs():
     seen, _ = pairs(n=4000, seed=7)
     assert not mooring.estimate_clock_error(seen).named
