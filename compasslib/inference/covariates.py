@@ -333,14 +333,14 @@ def reference_turns(pairs: Pairs, residual_deg: Floats) -> tuple[Floats, Floats]
     begin_s, span_s = float(pairs.time_s[0]), float(np.ptp(pairs.time_s))
     dates_s, window_s = begin_s + np.linspace(0.05, 0.95, 61) * span_s, min(most_s, span_s / 4.0)
     axis = (pairs.lower_east + 1j * pairs.lower_north) ** 2
-    turns, steps = np.zeros(len(dates_s)), np.zeros(len(dates_s))
+    turns, steps = np.zeros((2, len(dates_s)))  # 0 where a gap leaves too few pairs
     for k, date_s in enumerate(dates_s):
         at = np.searchsorted(pairs.time_s, [date_s - window_s, date_s, date_s + window_s])
         before, after = slice(at[0], at[1]), slice(at[1], at[2])
         if min(np.diff(at)) >= fewest:
             turns[k] = -angles.wrap180(angles.argument(axis[after].mean() * np.conj(axis[before].mean()))) / 2.0
             steps[k] = angles.difference(*(angles.mean(residual_deg[part]) for part in (after, before)))
-    usual = max(1.48 * float(np.median(np.abs(turns))), least_deg)
+    usual = max(1.48 * float(np.median(np.abs(turns[turns != 0.0]))), least_deg) if turns.any() else least_deg
     unlikely, likely = (np.log1p((x / usual) ** 2 / freedom) for x in (turns, turns - steps))
     return dates_s, (freedom + 1.0) / 2.0 * (unlikely - likely)
 

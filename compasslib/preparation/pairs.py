@@ -353,9 +353,7 @@ def _check_frame(pairs: Pairs) -> list[str]:
     quarter is ignored. Iron as strong as the field halves each turn: the compass then shows half of the circle only,
     and twice its readings are the headings up to a constant, so that this causes a warning.
     """
-    most_opposite = (
-        0.05  # share of readings on the other half, up to 0.014 in five moorings with iron of 0.85 to 1.05 H
-    )
+    most_opposite = 0.05  # share of readings on the other half: to 0.014 in five moorings with iron of 0.85 to 1.05 H
     slower = np.min(np.abs(pairs.flows), axis=0)
     fast = slower >= np.quantile(slower, 0.25)
     upper, lower = (angles.direction(flow.real, flow.imag)[fast] for flow in pairs.flows)
