@@ -465,7 +465,7 @@ def test_too_few_pairs_are_insufficient_and_counted():
     fit = fitted(drawn)
     few = take(drawn.pairs, np.arange(150))
     found = diagnose(few, {}, fit, field_of(drawn))
-    assert found.verdict == "insufficient" and "150 overlapping pairs over 6 days" in found.why
+    assert found.verdict == "insufficient" and "150 overlapping pairs over 6.2 days" in found.why
     nothing = unfitted("exact", 3)
     assert "3 overlapping pairs" in diagnose(few, {}, nothing, field_of(drawn)).why
 

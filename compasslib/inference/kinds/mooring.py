@@ -177,7 +177,7 @@ def diagnose(
     days = float(np.ptp(pairs.time_s)) / DAY_S if len(pairs) else 0.0
     if len(pairs) < FEWEST_PAIRS or days < SHORTEST_DAYS:
         return diagnosis.insufficient(
-            f"{len(pairs)} overlapping pairs over {days:.3g} days; at least {FEWEST_PAIRS} over {SHORTEST_DAYS:.0f} "
+            f"{len(pairs)} overlapping pairs over {days:.1f} days; at least {FEWEST_PAIRS} over {SHORTEST_DAYS:.0f} "
             "days are needed to separate unmodelled effects from the water"
         )
     is_series = fit.method == "von_appen"
