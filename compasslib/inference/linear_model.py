@@ -319,13 +319,20 @@ def _score_inflation(fitted: FittedModel, options: Sequence[Option]) -> float:
 def enumerate_options(freed: FittedModel, midpoint: FittedModel) -> tuple[Option, ...]:
     """Enumerate the forms of all blocks, linearized at a midpoint; the residual of the freed model dates steps."""
     made = (*_listed(freed, midpoint), *_composed(midpoint))
-    shared = with_shares([option for option in made if option.columns.shape[1]])
     turns = midpoint.comparison.reference_turns
     return tuple(
-        replace(each, log_ratio=float(np.interp(each.term.date, *turns)))
-        if turns and isinstance(each.term, ReferenceSlip) else each
-        for each in shared
-    )  # fmt: skip
+        replace(each, log_ratio=_turn_ratio(each.term, turns)) if turns and type(each.term).dated() else each
+        for each in with_shares([option for option in made if option.columns.shape[1]])
+    )
+
+
+def _turn_ratio(term: Effect, turns: tuple[Floats, Floats]) -> float:
+    """Compute by how much the reference's directions contradict a step of the reference, or of the compass.
+
+    They never count for a step, as a change of the water turns them too.
+    """
+    ratio = float(np.interp(term.date, *turns))
+    return min(ratio if isinstance(term, ReferenceSlip) else -ratio, 0.0)
 
 
 def _listed(freed: FittedModel, midpoint: FittedModel) -> Iterator[Option]:
