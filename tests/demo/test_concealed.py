@@ -89,14 +89,14 @@ def test_what_is_named_of_a_cause_and_what_has_no_cause():
 
 def test_the_page_quotes_the_sealed_proof():
     """Of corrections by ambiguous effects, which the page gives as their justification."""
-    rows = json.loads((PROJECT / "docs/proof/seed-599501550/scorecard.json").read_text())["moorings"]
+    rows = json.loads((PROJECT / "docs/proof/seed-839868382/scorecard.json").read_text())["moorings"]
     rows = [row for row in rows if row["verdict"] == "ambiguous" and "compass" in row["found_sides"]]
     before, after = (np.array([row[key] for row in rows]) for key in ("before_deg", "after_deg"))
     counts = np.sum(after < before - 0.1), len(rows), np.sum(after > before + 0.1)
     sizes = tuple(f"{np.sqrt(np.mean(error**2)):.1f}" for error in (before, after))
-    assert (*counts, *sizes) == (79, 91, 7, "4.5", "3.0")
+    assert (*counts, *sizes) == (91, 103, 9, "4.1", "3.0")
     page = " ".join((TEMPLATES / "concealed.html").read_text().split())
-    assert "of 79 of 91 moorings by more than 0.1° and raised 7 by as much" in page and "4.5° to 3.0° rms" in page
+    assert "of 91 of 103 moorings by more than 0.1° and raised 9 by as much" in page and "4.1° to 3.0° rms" in page
 
 
 @pytest.mark.parametrize(("scatter", "understated"), [(1.0, False), (2.0, True)])
