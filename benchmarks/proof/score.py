@@ -110,7 +110,7 @@ def judge(truth: dict[str, Any], diagnosis: dict[str, Any]) -> str:
 
 
 def _accused(diagnosis: dict[str, Any]) -> bool:
-    """Return whether compass or clock are named; the water may be, and the deviation that every reference has."""
+    """Return whether a fault of compass, clock or reference is named, other than the deviation of every reference."""
     named = [one for one in diagnosis["findings"] if one["effect"] != "reference_deviation"]
     return any(one.get("side", "compass") != "water" for one in named)
 

@@ -57,10 +57,9 @@ def export(asked: Namespace) -> int:
         files = _export_pd0(asked, source, into)
     else:
         write, name = FORMATS[asked.to]
-        name = name.format(
-            stem="_".join(source.parent.resolve().parts[-2 if "/" in asked.mooring else -1 :]),
-            id=read_attribute(source, "id"),
-        )
+        place, root = folder.resolve(), (Path(asked.cruise) / "results").resolve()
+        stem = "_".join(place.relative_to(root).parts) if place.is_relative_to(root) else place.name
+        name = name.format(stem=stem, id=read_attribute(source, "id"))
         files = _available_files(into, *([name, f"{name}.json"] if asked.to == "csv" else [name]))
         write(source, *files)
     print(*files, sep="\n")

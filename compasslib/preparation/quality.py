@@ -139,9 +139,9 @@ def _frozen(record: Record, _: None, water_depth: float) -> Bools:
 def _zero_filled(record: Record, _: None, water_depth: float) -> Bools:
     """Find velocities of exactly zero in bins where they stand for missing values.
 
-    A current passes through slow speeds when it turns, and a rotor stops below 2 cm/s (Aanderaa RCM): zeros are missing
-    values where more of them lie between two speeds above 10 cm/s than speeds of up to 3 cm/s do, and several in
-    sequence from an instrument that resolves speeds below 1 cm/s, which a rotor does not.
+    A current passes through slow speeds when it turns, and a rotor stops below 2 cm/s (Aanderaa RCM). Zeros are
+    therefore missing values if more of them than of the speeds below 3 cm/s lie between two speeds above 10 cm/s. Zeros
+    in sequence are, if the instrument resolves speeds below 1 cm/s, as a rotor does not.
     """
     fast_m_s, slow_m_s, least_m_s, fewest = 0.10, 0.03, 0.01, 4
     filled = np.zeros(record.east.shape, dtype=bool)

@@ -190,7 +190,8 @@ def delay_of_current(record: Record, apart_m: float) -> float:
     range_m, delays_h = np.nanmedian(record.bin_range_m, axis=0), []
     for k, other in enumerate(bins_apart(record, apart_m)[:first].tolist()):
         distance_m = abs(float(range_m[other] - range_m[k]))
-        if len(delays := speed_delays(record.time_s, speed[:, k], speed[:, other])[1]):
+        delays = speed_delays(record.time_s, speed[:, k], speed[:, other])[1]
+        if len(delays) and distance_m > 0.0:  # bins without length have no distance
             delays_h.append(float(np.median(delays)) * max(apart_m / distance_m, 1.0))
     return angles.rms(np.array(delays_h)) if delays_h else 0.0
 

@@ -10,9 +10,12 @@ from compasslib.deviation.model import observed_deviation
 from compasslib.effects.composed import compose_effect, place_effect
 from compasslib.effects.effect import YEAR_S
 from compasslib.effects.iron import TemperatureOfField, TemperatureOfReading
+from compasslib.effects.readout import HeadingSlip
+from compasslib.effects.reference import ReferenceSlip
 from compasslib.inference import comparison, covariates, experiments, finding
 from compasslib.inference.experiments import ANYTHING
 from compasslib.inference.kinds import mooring
+from compasslib.inference.linear_model import _turn_ratio
 from compasslib.records import take
 from tests.world.sea import pairs
 
@@ -85,6 +88,13 @@ def test_a_step_is_of_the_reference_if_the_axis_of_its_currents_turns_too(turned
     assert (at > 3.0 if likely else at < -3.0) and np.all(
         np.abs(ratio[np.abs(dates_s - seen.time_s[2000]) > 3e6]) < 0.1
     )
+
+
+def test_currents_of_the_reference_only_count_against_a_step():
+    turns = np.array([0.0, 1e6]), np.array([3.0, 3.0])  # the reference turned
+    assert _turn_ratio(ReferenceSlip(date_s=5e5), turns) == 0.0 and _turn_ratio(HeadingSlip(date_s=5e5), turns) == -3.0
+    held = turns[0], -turns[1]
+    assert _turn_ratio(ReferenceSlip(date_s=5e5), held) == -3.0 and _turn_ratio(HeadingSlip(date_s=5e5), held) == 0.0
 
 
 def test_no_clock_error_is_named_for_good_clocks_or_sparse_pairs():

@@ -10,6 +10,7 @@ from compasslib.preparation.pairs import find_pairs
 from compasslib.preparation.water import (
     VEER_S,
     _predict_veer,
+    delay_of_current,
     fails_speed_check,
     fit_slow_shear,
     fit_structure,
@@ -55,6 +56,14 @@ def test_prediction_beats_the_mean_and_states_its_error():
     assert real[1] < 0.75 * real[0]
     assert found.published_m_s == pytest.approx(real[0], rel=0.3)
     assert found.expected_m_s == pytest.approx(real[1], rel=0.4)
+
+
+def test_delay_within_the_profile_is_that_of_its_bins_and_0_without_distances():
+    hour, z = np.arange(HOURS)[:, None], CELL_M * np.arange(BINS + 2)
+    waves = np.exp(-1j * (2 * np.pi * hour / 14.0 + 2 * np.pi * z / 150.0))  # 1.12 h later 12 m above
+    top = seen(MILD, 0.12 + 0.15 * waves + 0.2 * layers(4))[0]
+    assert delay_of_current(top, 12.0) == pytest.approx(1.12, rel=0.4)
+    assert delay_of_current(replace(top, bin_range_m=0.0 * top.bin_range_m), 12.0) == 0.0
 
 
 @pytest.mark.parametrize("at", [0, 4])
