@@ -40,7 +40,7 @@ FIX = ("time_s", "course_deg", "speed_kn", "latitude", "longitude", "variation_d
 APART_S = 2.5  # between a heading and its course
 
 _NUMBERED = re.compile(rb"\$([A-Z]{2})(%s),[^,\s]" % "|".join((*HEADINGS, *COURSES)).encode())
-_Values = dict[str, list[tuple[int, float]]]  # sentence type -> (line, value)
+_Values = dict[str, list[tuple[int, float]]]  # sentence type -> (line, value); line: running number of the sentence
 
 
 @dataclass(frozen=True)
