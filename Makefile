@@ -34,7 +34,7 @@ run: install  ## process a cruise: make run, or make run CRUISE=/data/my_cruise
 concealed: install  ## four moorings with a concealed cause, drawn by SEED, beside the truth
 	$(BIN)/python -m compasslib.demo.concealed build/concealed-$(SEED) $(SEED)
 	$(BIN)/compass run build/concealed-$(SEED) --cores $(CORES)
-	@echo "Said beside planted: build/concealed-$(SEED)/results/concealed.html"
+	@echo "Comparison with the truth: build/concealed-$(SEED)/results/concealed.html"
 
 verify: install  ## does an archive still hold what its manifest lists? make verify CRUISE=/data/my_cruise
 	$(BIN)/compass verify "$(CRUISE)"

@@ -23,7 +23,7 @@ def page() -> str:
 def _form(form: type[Effect]) -> str:
     others = groupby(form.separated_by, form.separated_by.__getitem__)
     lines = [
-        f"* {form.side}, on {form.acts_on}; source: {form.literature}",
+        f"* {form.side}, on {form.acts_on}; in {', '.join(form.recordings)}; source: {form.literature}",
         *([f"* needs: {', '.join(form.needs)}"] if form.needs else []),
         *(f"* `{f.name}`, {f.metadata['unit']}: {f.metadata['meaning']}" for f in fields(form)),
         *(f"* against {', '.join(names)}: {how}" for how, names in others),

@@ -151,13 +151,13 @@ PAIRS = {
     "lower_north": Variable("LOWER_VCUR", f"northward {_OF_TRUSTED}", "m s-1", NORTHWARD, reference=TRUE),
     "upper_depth_m": Variable("UPPER_DEPTH", "depth of the affected velocity", "m", "depth", also=SEA_LEVEL),
     "lower_depth_m": Variable("LOWER_DEPTH", "depth of the reference velocity", "m", "depth", also=SEA_LEVEL),
-    "separation_minutes": Variable("SEPARATION_MINUTES", "time, lower minus upper velocity", "minute"),
+    "separation_minutes": Variable("SEPARATION_MINUTES", "time, reference minus affected velocity", "minute"),
     "declination_deg": Variable("DECLINATION", "magnetic declination, east positive", "degree"),
     # The following ones are written only where the pairs have them.
     "lower_heading_deg": Variable("LOWER_HEADING", "heading of the reference compass", "degree", reference=MAGNETIC),
     "reference_index": Variable("REFERENCE_INDEX", "reference of the pair", dtype="i1", fill=None),
 }
-SEPARATION_METRES = Variable("SEPARATION_METRES", "depth, lower minus upper velocity", "m")
+SEPARATION_METRES = Variable("SEPARATION_METRES", "depth, reference minus affected velocity", "m")
 
 # corrected.nc, by name.
 _WGS84 = {"coordinate_reference_frame": "urn:ogc:def:crs:EPSG::4326", "QC_indicator": "nominal value"}
@@ -240,7 +240,7 @@ CORRECTED = _by_name(
         also=_BELOW_SEA_LEVEL, content="coordinate", parameter="ADEPZZ01",
     ),
     Variable(
-        "DEPTH", "depth of each bin, blow-down followed", "m", "depth", BINS, "f4", valid=(-1000.0, 12000.0),
+        "DEPTH", "depth of each bin, including blow-down", "m", "depth", BINS, "f4", valid=(-1000.0, 12000.0),
         also=_BELOW_SEA_LEVEL, content="coordinate", parameter="ADEPZZ01",
         comment="Negative where a bin lies above the sea surface. Flagged 4 above the surface and below the bottom.",
     ),
@@ -270,7 +270,7 @@ CORRECTED = _by_name(
     ),
     Variable(
         "DEVIATION", "magnetic deviation of the compass, HEADING_CORRECTED minus HEADING", "degree",
-        valid=(-180.0, 180.0), content="modelResult", comment="Positive where the compass reads too little.",
+        valid=(-180.0, 180.0), content="modelResult", comment="Positive where the compass reads too low.",
     ),
     Variable(
         "BRANCH_PROBABILITY", "probability of HEADING_CORRECTED among the headings that give the same reading", "1",
@@ -402,10 +402,10 @@ GRIDDED = _by_name(
         comment="Relative to the instrument, whose own rise is that of its depth. No heading changes it.",
     ),
     Variable("UV_COVARIANCE", "covariance of the errors of UCUR and VCUR", "m2 s-2", "", CELLS, "f4"),
-    Variable("SOURCE", "instrument that the velocity is of", "", "", CELLS, "i1", fill=None),
-    Variable("N_CELLS", "number of measured velocities that went in", "1", "", CELLS, "i4", fill=None),
+    Variable("SOURCE", "instrument that measured the velocity", "", "", CELLS, "i1", fill=None),
+    Variable("N_CELLS", "number of measured velocities used", "1", "", CELLS, "i4", fill=None),
     Variable(
-        "HEADING_ERROR_MODE", "error of the heading, radians per unit normal number", "radian", "", MODES, "f4",
+        "HEADING_ERROR_MODE", "error of the heading, radians per standard normal variate", "radian", "", MODES, "f4",
         comment=SECTION_SIGMA, coordinates=_OF_MOORING, also=_UNKNOWN,
     ),
     Variable(
@@ -422,7 +422,7 @@ GRIDDED = _by_name(
         content="modelResult", coordinates=_OF_MOORING, also=_UNKNOWN,
         comment="Clockwise; its UCUR and VCUR turned back by this angle are those by the recorded heading.",
     ),
-    Variable("N_SAMPLES", "number of times that went into the mean", "1", "", CELLS, "i4", fill=None, also=_UNKNOWN),
+    Variable("N_SAMPLES", "number of times in the mean", "1", "", CELLS, "i4", fill=None, also=_UNKNOWN),
     Variable(
         "SHRINKAGE", "factor by which the heading error shortens a mean velocity", "1", also=_UNKNOWN,
         comment="exp(-sigma^2 / 2), sigma the standard deviation of the heading; not undone in UCUR and VCUR.",

@@ -135,7 +135,7 @@ def _parser() -> argparse.ArgumentParser:
     into = "new folder of its results (default: CRUISE/corrected/MOORING)"
     correct.add_argument("--into", metavar="FOLDER", help=into)
 
-    run = command("run", "process a cruise: missing, changed or damaged results", "my_cruise --cores 4")
+    run = command("run", "process a cruise: make results that are missing or outdated", "my_cruise --cores 4")
     run.add_argument("cruise", nargs="?", **folder)
     run.add_argument("--cores", metavar="N", help="number of parallel jobs (default: all cores)")
     profiles = "of workflow/profiles: default, slurm or storage"

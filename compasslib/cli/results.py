@@ -190,7 +190,7 @@ def verify(asked: Namespace) -> int:
         print(f"mend: compass run {shlex.quote(asked.cruise)} -- --forcerun {_printable(shlex.join(outputs))}")
     files = f"{len(crate.listed(page))} files as listed"
     if differ:
-        advice = "restore them, or make run again if the change was meant"
+        advice = "restore them, or repair them with the commands above"
         if any(what == crate.FORMER for what, *_ in differ):
             advice += "; compass verify --clear shows and removes what is no longer configured"
         raise InputError(crate.FILE, expected=files, found=f"{len(differ)} that differ", advice=advice)

@@ -225,5 +225,5 @@ def _directions(drafted: Drafted, record: Record) -> list[Row]:
         return [*rows, ("direction_reference", north, "as the files say")]
     if bias:  # a value here would override that of the file
         return [*rows, ("", None, f"the file's heading bias or declination, {bias:+.2f}, is taken out")]
-    ask = "degrees east that are in the directions already, 0 for none; the files tell of none"
+    ask = "degrees east that are in the directions already, 0 for none; the files state none"
     return [*rows, ("declination_applied", DECIDE, ask)]

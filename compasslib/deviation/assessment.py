@@ -155,8 +155,8 @@ def describe_assessment(name: str, verdict: dict[str, Any]) -> str:
     if not after["n"]:
         return f"{name}: nothing to assess ({before['n']} pairs, none corrected)"
     line = (
-        f"{name}: upper minus lower direction {before['rms_deg']:.1f}° rms before, {after['rms_deg']:.1f}° after, "
-        f"on {after['n']} of {before['n']} pairs, each held out from its fit"
+        f"{name}: affected minus reference direction {before['rms_deg']:.1f}° rms before, {after['rms_deg']:.1f}° "
+        f"after, on {after['n']} of {before['n']} pairs, each held out from its fit"
     )
     return f"{line}\n{name}: warning: {verdict['refuted']}" if verdict["refuted"] else line
 

@@ -164,7 +164,7 @@ def _numbered(count: int) -> tuple[str, ...]:
 
 SPAN = (("begin_s", "s"), ("end_s", "s"))
 FORMS: Mapping[str, Form] = {
-    "always": Form(lambda term, x, t: np.ones((len(t), 1)), words="always", formula="p"),
+    "always": Form(lambda term, x, t: np.ones((len(t), 1)), words="by a constant", formula="p"),
     "linear": Form(lambda term, x, t: x[:, None], per_driver=True, words="in proportion to {}", formula="p·x"),
     "smooth": Form(
         _smooth, _numbered(SMOOTH), places=(("middle", "of the driver"), ("range", "of the driver")),
@@ -355,6 +355,7 @@ def compose_effect(
     for place, of in shape.places:
         described = parameter(unit if of == "of the driver" else of, "place that was looked for", 0.0)
         members.append((place, float, described))
+    changed = acts_on.replace("field_horizontal", "horizontal field").replace("_", " ")
     space = {
         "name": name or f"{COMPOSED}{acts_on}/{driver}/{form}",
         "side": acted.side,
@@ -364,7 +365,7 @@ def compose_effect(
         "words": words,
         "composition": (acts_on, driver, form),
         "driver": name if form == "always" else driver,
-        "__doc__": f"{acts_on.replace('_', ' ').capitalize()}, {shape.words.format(driver.replace('_', ' '))}.",
+        "__doc__": f"The {changed} is changed {shape.words.format(driver.replace('_', ' '))}.",
         "__module__": __name__,
     }
     title = "".join(word.capitalize() for part in (acts_on, *driver.split("*"), form) for word in part.split("_"))

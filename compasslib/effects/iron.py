@@ -167,7 +167,7 @@ Heeling = additive(
     instrument=True,
     words="the compass tilts over iron along its own vertical (heeling error)",
     separated_by=dict.fromkeys(("tilt_uncompensated", "moving_iron"), "the magnetometer's three axes with tilt"),
-    literature="physics page, section 4: n = T m, so tilt turns b_z into q; left out by von Appen 2015",
+    literature="Poisson's equations with tilt: n = T m, so tilt turns b_z into q; left out by von Appen 2015",
     b_z_nT=parameter("nT", "field down, induced part (S33 - S11) Z included", 1000.0),
 )  # fmt: skip
 

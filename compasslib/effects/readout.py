@@ -161,9 +161,9 @@ TiltUncompensated = _tilt(
     "TiltUncompensated", "A share of the tilt compensation is missing.",
     lambda term, x, scene: (1.0 - term.share) * x + term.share * np.einsum("nji,nj->ni", scene.levelling, x),
     name="tilt_uncompensated", shows_along=("pitch", "roll"), instrument=True,
-    words="the reading is not compensated for tilt",
+    words="part of the tilt compensation is missing",
     separated_by={"moving_iron": "the magnetometer's three axes with tilt"},
-    literature="physics page, section 4: n = m instead of T m; 1 means no compensation at all",
+    literature="Poisson's equations with tilt: n = m instead of T m; 1 means no compensation at all",
     share=parameter("1", "share of the levelling that is left out", 0.05, usual=1.0),
 )  # fmt: skip
 ReadingLevelled = _tilt(
@@ -171,7 +171,7 @@ ReadingLevelled = _tilt(
     lambda term, x, scene: (1.0 - term.share) * x + term.share * np.einsum("nij,nj->ni", scene.levelling, x),
     name="tilt_uncompensated", recordings=("magnetometer",),
     words="the recorded heading is compensated for tilt, the simulated one is not",
-    literature="physics page, section 4: n = T m instead of m; 1 means that all levelling was left out",
+    literature="Poisson's equations with tilt: n = T m instead of m; 1 means that all levelling was left out",
     share=parameter("1", "share of the levelling that the simulation lacks", 0.05, usual=1.0),
 )  # fmt: skip
 TemperatureOfTilt = _tilt(
@@ -188,7 +188,7 @@ TiltOffset = _tilt(
     lambda term, x, scene: _levelled(x, scene, term.pitch_deg, term.roll_deg),
     name="tilt_offset",
     words="the tilts by which the compass is compensated have constant errors",
-    literature="Z (offset)/H, in B and C of von Appen 2015, eq. (1), but for what the lean changes",
+    literature="Z (offset)/H, in B and C of von Appen 2015, eq. (1), but for what the tilt changes",
     detector="vertical velocities that follow the flow in the body, or a level deck",
     pitch_deg=parameter("degrees", "pitch given minus true", 0.2),
     roll_deg=parameter("degrees", "roll given minus true", 0.2),
@@ -199,6 +199,6 @@ StuckTilt = _tilt(
     lambda term, x, scene: _levelled(x, scene, *(-term.share * scene.departures[name] for name in term.needs)),
     name="stuck_tilt", needs=("lean_pitch", "lean_roll"),
     words="the tilt sensors are stuck, and the compass is compensated with their last values",
-    literature="physics page, section 4: n = T(stuck) m; 1: all of the lean that the flow foretells",
-    share=parameter("1", "share of the predicted lean", 0.05, usual=1.0),
+    literature="Poisson's equations with tilt: n = T(stuck) m; 1: all of the tilt that the flow predicts",
+    share=parameter("1", "share of the predicted tilt", 0.05, usual=1.0),
 )  # fmt: skip

@@ -80,20 +80,20 @@ VeerWithSpeed = _veer(
     "VeerWithSpeed", "The directional shear between the two depths changes in proportion to the speed of the flow.",
     driver="speed", shows_along=("speed", "separation", "depth"), needs=("speed",),
     words="directional shear of the current between the two depths",
-    literature="von Appen 2015, appendix, assumes none; lower minus upper direction, clockwise",
+    literature="von Appen 2015, appendix, assumes none; reference minus affected direction, clockwise",
     deg_s_m=parameter("degrees/(m/s)", "directional shear by speed", 5.0),
 )  # fmt: skip
 VeerWithSeparation = _veer(
     "VeerWithSeparation", "The directional shear is proportional to the vertical distance between the two depths.",
     driver="separation", needs=("separation",),
-    literature="Ekman's spiral, linear over few metres; lower minus upper direction, clockwise",
+    literature="Ekman's spiral, linear over few metres; reference minus affected direction, clockwise",
     deg_m=parameter("degrees/m", "directional shear by metres of separation", 1.0),
 )  # fmt: skip
 VeerWithDepth = _veer(
     "VeerWithDepth", "The directional shear changes with depth as the mooring is blown down.",
     lambda term, scene: term.deg_100m * scene.departures["depth"] / 100.0,
     driver="depth", needs=("depth",),
-    literature="directional shear of the water column, linear in depth; lower minus upper, clockwise",
+    literature="directional shear of the water column, linear in depth; reference minus affected, clockwise",
     deg_100m=parameter("degrees/100 m", "directional shear by depth", 1.0),
 )  # fmt: skip
 VeerWithDirection = _veer(
@@ -103,7 +103,7 @@ VeerWithDirection = _veer(
         "flow_east", "flow_north", "flow_sine2", "flow_cosine2", "flow_sine3", "flow_cosine3", "flow_sine4",
         "flow_cosine4",
     ),
-    literature="steering by topography, four harmonics; lower minus upper direction, clockwise",
+    literature="steering by topography, four harmonics; reference minus affected direction, clockwise",
     sine_deg=parameter("degrees", "part with the sine of the flow's direction", 1.0, usual=USUAL_DEG),
     cosine_deg=parameter("degrees", "part with its cosine", 1.0, usual=USUAL_DEG),
     sine2_deg=parameter("degrees", "part with the sine of its double", 1.0, usual=USUAL_DEG),

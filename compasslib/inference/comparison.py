@@ -297,15 +297,15 @@ def held_out_text(proof: HeldOut, heading_error_deg: float | None) -> str:
     text = ""
     if proof.amplitude is not None:
         text = (
-            " On held-out days, everything chosen anew, its size is {held_out:.1f}° ({low:.1f} to {high:.1f}°, 95 %), "
-            "where the other days predict {fitted_elsewhere:.1f}°".format(**vars(proof.amplitude))
+            " On held-out days, with the whole selection repeated, its size is {held_out:.1f}° ({low:.1f} to "
+            "{high:.1f}°, 95 %), where the other days predict {fitted_elsewhere:.1f}°".format(**vars(proof.amplitude))
         )
         rank = wording.rank_text(vars(proof.placebo)) if proof.placebo else ""
         text += (f", {rank} records simulated without it." if rank else ".") + (
             "" if proof.confirmed else " So held-out days do not confirm it."
         )
     if heading_error_deg is not None:
-        text += f" Without it headings would be wrong by {heading_error_deg:.1f}° rms."
+        text += f" Without this correction headings would be wrong by {heading_error_deg:.1f}° rms."
     return text
 
 

@@ -161,6 +161,13 @@ class HeldOut:
         return is_confirmed(self.amplitude.low, self.placebo.rank_p)
 
     @property
+    def absent(self) -> bool:
+        """Whether held-out days show nothing of the effect: neither a gain nor a rank among surrogates."""
+        if self.confirmed or self.placebo is None or self.placebo.rank_p is None or self.anew is None:
+            return False
+        return self.placebo.rank_p > CONFIRMED_P and self.anew.low <= 0.0
+
+    @property
     def refuted(self) -> bool:
         """Whether held-out data agree less with the effect than without it, in log score or in rms."""
         return self.gain < 0.0 or (
@@ -270,7 +277,13 @@ class Finding:
 
     @cached_property
     def statement(self) -> Statement:
-        """The most specific statement that the probabilities of the effect and its alternatives establish."""
+        """The most specific statement that the probabilities of the effect and its alternatives establish.
+
+        Nothing is established that held-out days do not show: of ten such statements on simulated moorings, which their
+        probabilities put at 95 % or more, two were right (docs/background/proof.md).
+        """
+        if self.held_out.absent:
+            return Statement(None, None, self.side, self.driver)
         if self.probability >= SURE and self.deepest == "effect":
             return Statement("effect", self.probability, self.side, self.driver)
         causes = [(p, side_of(name), driver_of(name)) for name, p in self.alternatives_probability.items()]

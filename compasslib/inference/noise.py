@@ -37,6 +37,9 @@ USUAL_VEER_DEG, USUAL_SHEAR_M_S = 3.0, 0.02  # scales of half-Cauchy priors, fro
 # grid in standard deviations, shares of veer in the variance, range of memories, degrees of freedom of the prior.
 SIZE_WIDENED, MEMORY_WIDENED = 0.3, 0.5
 STEPS, VEER_SHARES, MEMORIES_DAYS, FREEDOM = (-1.6, -0.8, 0.0, 0.8, 1.6), (0.0, 0.5, 1.0), (2.0, 300.0), 4.0
+# Prior odds that the reference is in a layer whose water veers for weeks: the directions of two depths, 8 m (eh2) and
+# 20 m (papa) apart, averaged over a month, differ by over 10 degrees from those of the record in 12 % of the months.
+OTHER_LAYER = 0.1
 LARGE_CURRENT = 2.0  # times its usual size: what the current can explain is not attributed to the compass
 TIDE_SPAN_S = 3600.0  # averaging time of the speed, for the turn by tidal shear of USUAL_SHEAR_M_S per wave
 
@@ -105,7 +108,8 @@ def known_slow_noises(known: SlowShear, speed_m_s: float) -> list[SlowNoise]:
     """List parameters of slow water around those that a profile shows, with their priors.
 
     Its size across the flow is divided between veer and shear in several ways. The errors of size and memory are
-    widened, since water outside the profile may differ, and have long tails.
+    widened, since water outside the profile may differ, and have long tails. Or the water of the reference veers slowly
+    beside it, as that of another layer.
 
     Args:
         speed_m_s: median speed of the flow.
@@ -120,7 +124,12 @@ def known_slow_noises(known: SlowShear, speed_m_s: float) -> list[SlowNoise]:
             veer = size * float(np.sqrt(share)) / max(speed_m_s, covariates.SLOWEST_M_S) / angles.DEGREE
             shear = size * float(np.sqrt(1.0 - share))
             slow_noises.append(SlowNoise(Process(veer, memory), Process(shear, memory), prior))
-    return slow_noises
+    within = float(np.logaddexp.reduce([each.log_prior for each in slow_noises])) + np.log(OTHER_LAYER)
+    known_shear = Process(known.size_m_s, known.memory_days)
+    veers = [Process(*each) for each in itertools.product(VEER_DEG, VEER_DAYS[1:])]
+    priors = np.array([-np.log1p((veer.size / USUAL_VEER_DEG) ** 2) for veer in veers])
+    priors += within - np.logaddexp.reduce(priors)
+    return slow_noises + [SlowNoise(each, known_shear, float(x)) for each, x in zip(veers, priors, strict=True)]
 
 
 @dataclass(frozen=True)

@@ -203,7 +203,7 @@ def _scan_times(scans: Scans, companion: Companion, offset: float) -> tuple[Floa
     if (other := np.isfinite(nominal) & (nominal != rate)).any():
         notes.append(
             f"the clock of {int(other.sum())} profiles shows {np.median(rate[other]):.3g} scans a second where the "
-            f"file says {np.median(nominal[other]):.3g}; the clock was taken"
+            f"file says {np.median(nominal[other]):.3g}; the rate of the clock is used"
         )
     time_s = interpolate_clock(scans.clock_s, scans.profile, nominal[scans.profile])
     if unclocked.any():
