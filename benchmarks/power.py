@@ -266,7 +266,7 @@ def draw(made: dict[str, Any], path: Path) -> None:
             axes.set(xscale="log", ylim=(-4.0, 104.0), xticks=(0.5, 1, 2, 4), xticklabels=("0.5", "1", "2", "4"))
             axes.minorticks_off()
         for axes in panels[1]:
-            axes.set_xlabel("Size over the limit")
+            axes.set_xlabel("Size / limit")
         for axes in panels[:, 0]:
             axes.set_ylabel("Moorings (%)")
         legend(figure, [

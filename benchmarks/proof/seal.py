@@ -61,7 +61,7 @@ def commit(revision: str = "HEAD") -> str:
     """Look up the hash of a commit; ``Broken`` if this is not a checkout, or has no such commit."""
     ran = _git("rev-parse", "--verify", "--quiet", f"{revision}^{{commit}}")
     if ran.returncode:
-        raise Broken(f"{revision} is no commit of this checkout; give --seed instead")
+        raise Broken(f"{revision} is no commit here: run it in a clone of the repository")
     return ran.stdout.strip()
 
 

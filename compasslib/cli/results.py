@@ -155,7 +155,7 @@ def explanation_lines(section: ReportSection, folder: Path) -> list[str]:
         named = [f"{name}: {value}" for name, value in finding.facts]
         lines += ["", f"Finding: {finding.title}", *_wrap([finding.text, *named, *numbers])]
     diagnosis = read_json(folder / "diagnosis.json") if (folder / "diagnosis.json").exists() else {}
-    if diagnosis and (figure := folder / "figures/diagnosis.png").exists():
+    if diagnosis.get("curves") and (figure := folder / "figures/diagnosis.png").exists():
         lines += ["", f"Figure: {figure}", *_wrap([sections.diagnosis_caption(diagnosis)])]
     detectable = sections.table("diagnosis", "detectable", d=diagnosis)
     tables = [(table.caption, [", ".join(map(" ".join, table.rows))]) for table in detectable]

@@ -121,7 +121,7 @@ def _residual(axes: Axes, curve: Mapping[str, Any], label: str, reach: float, *,
     axes.plot(x, after, **AFTER)
     effect = covariate.removeprefix(wording.SIZE_PREFIX)
     of_size = effect != covariate
-    axes.set_ylabel("Size (° rms)" if of_size else "Residual (°)")
+    axes.set_ylabel("Size (°)" if of_size else "Residual (°)")
     axes.set_title(wording.display_name(effect) if of_size else curve.get("compared", "residual"))
     if label:
         axes.set_xlabel(label)

@@ -64,7 +64,7 @@ def draw_curves(path: str | Path, moorings: list[AssessedMooring]) -> None:
         if not curves:
             page.empty(panels[0, 0])
         figure.supxlabel("Correct heading β (° magnetic)", fontsize=8.0)
-        figure.supylabel("Deviation β − γ (°)", fontsize=8.0)
+        figure.supylabel("Deviation β − γ (°)", fontsize=8.0, x=0.005)
 
 
 def draw_differences(path: str | Path, moorings: list[AssessedMooring]) -> None:

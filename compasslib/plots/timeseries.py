@@ -85,6 +85,8 @@ def draw_sticks(path: str | Path, plotted: AveragedCurrents) -> None:
             axes.set(title=name, ylabel="North\n(cm/s)", ylim=(low - room, high + room))
             axes.locator_params(axis="y", nbins=4, steps=page.ROUND)
         page.dates(panels[-1], (min(first, float(np.nanmin(tips))), max(last, float(np.nanmax(tips)))))
+        interval = f"{plotted.hours:g} h" if plotted.hours < 24.0 else f"{plotted.hours / 24.0:g} d"
+        panels[-1].set_xlabel(f"Date (UTC), means of {interval}")
         figure.align_ylabels(panels)
 
 
