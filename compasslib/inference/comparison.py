@@ -112,6 +112,7 @@ class Comparison:
 
     def where(self, name: str, span: tuple[float, float] | None = None) -> CovariateRange:
         """Describe a range of a covariate, by default the one that most of its values cover."""
+        span = span or (self.span_s if name == "time" else None)  # a cause along time has no usual range
         low, high = span or tuple(np.quantile(self.covariates[name], findings.SHOWN_QUANTILES).tolist())
         text = wording.range_text(name, low, high, on_land=bool(self.what), clocked=self.clocked)
         return CovariateRange(name, low, high, text)
@@ -300,7 +301,7 @@ def held_out_text(proof: HeldOut, heading_error_deg: float | None) -> str:
             " On held-out days, with the whole selection repeated, its size is {held_out:.1f}° ({low:.1f} to "
             "{high:.1f}°, 95 %), where the other days predict {fitted_elsewhere:.1f}°".format(**vars(proof.amplitude))
         )
-        rank = wording.rank_text(vars(proof.placebo)) if proof.placebo else ""
+        rank = wording.rank_text(vars(proof.placebo)) if proof.placebo and proof.amplitude.held_out > 0.0 else ""
         text += (f", {rank} records simulated without it." if rank else ".") + (
             "" if proof.confirmed else " So held-out days do not confirm it."
         )
@@ -314,7 +315,7 @@ def _finding_text(made: Finding, effect: str, physics: str, what: str) -> str:
     proof, known, numbers = made.held_out, meanings(effect), ""
     where = f"{what}, {made.where.text}" if what else made.where.text
     fitted = {name: parameter for name, parameter in made.parameters.items() if parameter.sigma > 0.0}
-    if len(fitted) > 6:  # of a smooth curve
+    if len(fitted) > 6 or any(name[-1].isdigit() for name in fitted):  # of a smooth curve
         numbers = f"; {len(fitted)} coefficients, in diagnosis.json"
     else:
         for name, parameter in fitted.items():

@@ -271,7 +271,7 @@ def product_of_diagnosis(fit: DeviationFit, diagnosis: Diagnosis) -> CorrectionM
     sizes += [] if diagnosis.unexplained is None else [diagnosis.unexplained.rms_effect_deg]
     left_deg = float(np.hypot.reduce(sizes)) if sizes else 0.0
     fit, no_deviation = replace(diagnosis.fit or fit, iron_declared=fit.iron_declared), None
-    if all(member.compass is None for member in diagnosis.applied):
+    if all(member.compass is None for member in diagnosis.applied[:1]):  # the chosen one
         fit, no_deviation = average_with_none(fit)
     if diagnosis.fit is None:
         return CorrectionModel(fit, left_deg=left_deg, no_deviation=no_deviation)

@@ -31,6 +31,7 @@ from compasslib.effects.composed import (
     place_effect,
 )
 from compasslib.effects.effect import DAY_S
+from compasslib.effects.readout import CompassLag
 from compasslib.effects.reference import ReferenceSlip
 from compasslib.inference import covariates, design
 from compasslib.inference.design import FittedModel
@@ -58,7 +59,7 @@ FAINT = 1e-3  # variance over that of white noise below which a column of slow n
 VALUES = ("temperature", "depth", "speed", "pitch", "roll", "tilt", "voltage")
 WITH_HISTORY = ("temperature", "depth", "voltage")  # whose effects may lag behind them; so does the current by speed
 OF_FIELD = ("time", "temperature", "depth", "speed", "pitch", "roll", "voltage")  # may magnetize iron, or move it
-OF_LOBES = ("time", "temperature", "depth", "speed")  # may bend a sensor's axes
+OF_LOBES = ("time", "temperature", "depth", "speed", "voltage")  # may bend a sensor's axes, or change their gain
 BOX_LENGTHS, BOX_STEP = (0.08, 0.16), 0.08  # of temporary offsets, as shares of the record
 LISTED = {  # compositions that classes of the catalogue represent
     *(("field_horizontal", driver, "linear") for driver in ("time", "temperature", "voltage")),
@@ -318,12 +319,25 @@ def _score_inflation(fitted: FittedModel, options: Sequence[Option]) -> float:
 
 def enumerate_options(freed: FittedModel, midpoint: FittedModel) -> tuple[Option, ...]:
     """Enumerate the forms of all blocks, linearized at a midpoint; the residual of the freed model dates steps."""
-    made = (*_listed(freed, midpoint), *_composed(midpoint))
+    made = _without_early([*_listed(freed, midpoint), *_composed(midpoint)], freed)
     turns = midpoint.comparison.reference_turns
     return tuple(
         replace(each, log_ratio=_turn_ratio(each.term, turns)) if turns and type(each.term).dated() else each
         for each in with_shares([option for option in made if option.columns.shape[1]])
     )
+
+
+def _without_early(options: list[Option], freed: FittedModel) -> list[Option]:
+    """Leave out what depends on the rate of turn if the readings are ahead of the headings.
+
+    A compass is late. Directions are ahead of the turns where the flow around the instrument, which the reference does
+    not see, turns it.
+    """
+    entered = {type(term) for term in freed.simulation.terms}
+    for lag in (option for option in options if type(option.term) is CompassLag):
+        if float(freed.whiten_and_project(lag.columns)[:, 0] @ freed.innovation) < 0.0:
+            return [each for each in options if each.block != lag.block or type(each.term) in entered]
+    return options
 
 
 def _turn_ratio(term: Effect, turns: tuple[Floats, Floats]) -> float:

@@ -176,8 +176,10 @@ def _current(inferred: Inference, min_effect_deg: float) -> tuple[float, tuple[C
     alone = model.current((), model.weigh(inferred.further.evidence.likely_noises).likeliest_noise())
     with_effects = model.current(inferred.entered, inferred.slow_noise)
     exceeded, _ = alone.statements(visible, min_effect_deg)
-    stated = []
-    for item in with_effects.statements(visible, min_effect_deg)[1]:
+    stated, series = [], inferred.fitted.comparison.scene.departures
+    flow_deg = angles.direction(series["body_flow_sine"], series["body_flow_cosine"])
+    aligned = bool(angles.resultant_length(flow_deg) >= covariate_series.FOLLOWS_FLOW)
+    for item in with_effects.statements(visible, min_effect_deg, aligned=aligned)[1]:
         groups = [group for group in inferred.rivals if item.driver is None or item.driver in group]
         rival = max((inferred.rivals[group] for group in groups), key=lambda each: each.probability, default=None)
         driver = "" if rival is None else model.options[rival.option].term.driver

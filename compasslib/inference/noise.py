@@ -322,20 +322,25 @@ class CurrentPosterior:
         present = np.mean(self.values != 0.0, axis=0) >= PRESENT
         return np.asarray(np.where(present, np.mean(self.values**2, axis=0), 0.0))
 
-    def statements(self, visible: Floats, min_effect_deg: float) -> tuple[float, tuple[CurrentStatement, ...]]:
+    def statements(
+        self, visible: Floats, min_effect_deg: float, *, aligned: bool = False
+    ) -> tuple[float, tuple[CurrentStatement, ...]]:
         """Compute the probability that the current exceeds a size, and state by which drivers it does.
 
         Args:
             visible: mean products of the columns with the compass projected out, square degrees, (p, p).
             min_effect_deg: size, degrees rms, below which an effect is negligible.
+            aligned: whether the instrument points along the flow; no driver is stated then for errors of its velocity,
+                as its heading contains the shear.
         """
         sizes = _sizes(self.values[np.any(self.values != 0.0, axis=1)], visible)
         probability = self.acting * float(np.mean(sizes > min_effect_deg)) if len(sizes) else 0.0
         if probability < SURE:
             return probability, ()
         stated = []
-        for name in dict.fromkeys(self.drivers):
-            each = _sizes(self.values * [driver == name for driver in self.drivers], visible)
+        drivers = [None if aligned and driver in VELOCITY_ERRORS else driver for driver in self.drivers]
+        for name in dict.fromkeys(drivers):
+            each = _sizes(self.values * [driver == name for driver in drivers], visible)
             if (established := float(np.mean(each > min_effect_deg))) >= SURE:
                 stated.append(_statement(name, established, each[each > min_effect_deg]))
         return probability, tuple(stated) or (_statement(None, probability, sizes),)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from compasslib.effects import CATALOGUE, COMPOSED, SLOW_WATER, all_effects, side_of
+from compasslib.effects import CATALOGUE, COMPOSED, SLOW_WATER, all_effects, driver_of, side_of
 from compasslib.effects.composed import FORMS
 from compasslib.records import iso_time
 
@@ -57,6 +57,8 @@ def separating_observations(effect: str, alternatives: Sequence[str]) -> str:
             text = TRUSTED_OR_NOT
         elif (side_of(effect) == "water") != (side_of(other) == "water"):
             text = WATER_OR_COMPASS.format(*((first, second) if side_of(effect) == "water" else (second, first)))
+        elif driver_of(effect) == driver_of(other):
+            text = f"a record with a wider range of {driver_of(effect).replace('_', ' ')}"
         else:
             text = OTHERWISE.format(first, second)
         phrases.append(f"{first} or {second}: {text}")
