@@ -223,8 +223,11 @@ def _inspect_pairs(inspection: Inspection, name: str, rules: Moorings, records: 
             by_source = {ready[0]: match_ready_pairs(rows, columns["scale"], records[0], along)}
         else:
             roles = rules.cruise.moorings[name].reference
-            each = zip(roles, records[1:], strict=True)
-            by_source = {role: find_pairs(records[0], [reference], along, asked) for role, reference in each}
+            several = len(roles) > 1
+            by_source = {
+                role: find_pairs(records[0], [reference], along, asked, several=several)
+                for role, reference in zip(roles, records[1:], strict=True)
+            }
     for source, pairs in by_source.items():
         if len(pairs):
             days, apart = np.ptp(pairs.time_s) / DAY_S, np.median(np.abs(pairs.lower_depth_m - pairs.upper_depth_m))

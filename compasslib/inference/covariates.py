@@ -133,7 +133,8 @@ def logged_series(record: Record, observatory_files: Sequence[str], at: Pairs | 
 def pair_covariates(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Floats]:
     """Collect the covariates along which the residual is tested, (n,) each, without those that hardly vary.
 
-    The heading of a reference that follows the flow tells no more than its directions, which are in the residual.
+    The heading of a reference that follows the flow tells no more than its directions, which are in the residual. The
+    distance of the layers also changes where one of several references takes over, whose compass is another.
     """
     upper, _ = pair_speeds(pairs)
     series = {
@@ -142,13 +143,14 @@ def pair_covariates(pairs: Pairs, logged: Mapping[str, Floats]) -> dict[str, Flo
         "pitch": pairs.pitch_deg,
         "roll": pairs.roll_deg,
         "depth": pairs.upper_depth_m,
-        "separation": pairs.lower_depth_m - pairs.upper_depth_m,
         "speed": upper,
         "hour_of_day": angles.wrap360(360.0 * (pairs.time_s / DAY_S)) / 15.0,
     } | {
         name: np.nan_to_num(column) if name in ZERO_WHERE_MISSING else smooth_supply(name, column, pairs.time_s)
         for name, column in logged.items()
     }
+    if len(pairs.reference_names) < 2:
+        series["separation"] = pairs.lower_depth_m - pairs.upper_depth_m
     heading, flow = pairs.lower_heading_deg, angles.direction(pairs.lower_east, pairs.lower_north)
     if heading is not None and angles.resultant_length(heading - flow) < FOLLOWS_FLOW:
         series["reference_heading"] = heading

@@ -86,9 +86,14 @@ def estimate_clock_offset(upper: Record, trusted: Sequence[Record], rules: PairR
 
 @single_threaded()
 def find_pairs(
-    upper: Record, trusted: Sequence[Record], field: EarthField, rules: PairRules, clocks: ClockOffset | None = None
-) -> Pairs:
-    """Find the overlapping measurements on the time grid, relative to true north; none without a reference."""
+    upper: Record, trusted: Sequence[Record], field: EarthField, rules: PairRules, clocks: ClockOffset | None = None,
+    *, several: bool = False,
+) -> Pairs:  # fmt: skip
+    """Find the overlapping measurements on the time grid, relative to true north; none without a reference.
+
+    Raises:
+        InputError: as ``check_pairs``, which ``several`` is for.
+    """
     clocks = clocks or ClockOffset()
     recorded, tolerance_s = upper, 60.0 * rules.grid_tolerance_minutes
     lower = clocks.align(trusted[0]) if trusted else take(upper, np.zeros(0, dtype=np.intp))
@@ -114,8 +119,9 @@ def find_pairs(
     doubts = ((angles.UNIFORM_SIGMA_DEG, clocks.uncorrelated),) if clocks.uncorrelated else ()
     heading = _heading(lower, pairs.time_s, tolerance_s)
     pairs = check_pairs(
-        replace(pairs, warnings=clocks.warnings, lower_heading_deg=heading, doubts=doubts), recorded, trusted
-    )
+        replace(pairs, warnings=clocks.warnings, lower_heading_deg=heading, doubts=doubts), recorded, trusted,
+        several=several,
+    )  # fmt: skip
     if not len(pairs):
         return pairs
     at_m = other_depth[keep]
@@ -166,18 +172,26 @@ def mean_of_nearest_bins(record: Record, distance_from: Floats, bins: int) -> tu
     return velocity, depth
 
 
-def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record]) -> Pairs:
+def check_pairs(pairs: Pairs, upper: Record, trusted: Sequence[Record], *, several: bool = False) -> Pairs:
     """Check pairs for input errors, and attach warnings.
 
+    Args:
+        several: whether there are other references, so that velocities in a wrong frame are a doubt of this one only.
+
     Raises:
-        InputError: both instruments have the same serial number, or the affected velocities are in a wrong frame.
+        InputError: both instruments have the same serial number, or the velocities of one are in a wrong frame.
     """
     if any(upper.serial_number and upper.serial_number == each.serial_number for each in trusted):
         expected, shown = "two instruments", f"serial number {upper.serial_number} in the files of both"
         raise InputError("compromised and reference", expected=expected, found=shown, advice="correct files of one")
     if not len(pairs):
         return replace(pairs, warnings=tuple(_absent(upper, trusted)))
-    pairs = replace(pairs, warnings=(*pairs.warnings, *_check_frame(pairs)))
+    try:
+        pairs = replace(pairs, warnings=(*pairs.warnings, *_check_frame(pairs)))
+    except InputError as wrong:
+        if not several:
+            raise
+        pairs = replace(pairs, doubts=(*pairs.doubts, (angles.UNIFORM_SIGMA_DEG, str(wrong))))
     speeds = [np.median(np.abs(flow)) for flow in pairs.flows]
     medians = f"median speeds of the pairs are {speeds[0]:.3g} and {speeds[1]:.3g} m/s"
     # No two depths 20 m apart reach a ratio of 5.
@@ -373,7 +387,7 @@ def _check_frame(pairs: Pairs) -> list[str]:
         ]
     shown = f"directions that agree with those of the reference only where they are {OTHER_FRAMES[best]}"
     advice = "check coordinates (EX), orientation, and east and north of both instruments"
-    raise InputError("affected instrument", expected="velocities as the file has them", found=shown, advice=advice)
+    raise InputError("compromised and reference", expected="velocities as in the files", found=shown, advice=advice)
 
 
 def _spread(angle_deg: Floats) -> float:

@@ -21,6 +21,8 @@ from compasslib.statistics.resampling import block_sums, blocks_by_span
 from compasslib.types import DAY_S, Floats
 
 CONTRADICTING = "the references differ by {:.0f}°, and the record cannot tell which is wrong"
+SAME_M_S = 0.001  # median difference of velocities below which two files are of one recording, but for rounding
+BEYOND_USUAL = 2.58  # standard deviations of two compasses' usual errors; 1 % of sound pairs differ by more
 REFERENCE_HEADING = "lower_heading_deg"  # belongs to a single instrument, so it is not joined
 AVERAGED = (
     *("upper_east", "upper_north", "lower_east", "lower_north"),
@@ -31,9 +33,9 @@ AVERAGED = (
 def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
     """Join the pairs of all consistent references in order of time, with warnings about the others.
 
-    Of three or more references, one that disagrees with all others, which agree, is excluded. If two disagree, the
-    faulty one cannot be determined: only the first in the mooring's file is used, and the difference is added as a
-    doubt to all headings.
+    The second of two files of one recording is excluded, and of three or more references one that disagrees with all
+    others, which agree. If two disagree by more than their compasses usually err, the faulty one cannot be determined:
+    only the first in the mooring's file is used, and the difference is added as a doubt to all headings.
     """
     if len(each) == 1:
         return each[0]
@@ -52,8 +54,9 @@ def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
         counts, errors = zip(*known, strict=True)
         mean, predicted = np.sqrt(np.average(np.square(errors), weights=counts, axis=0)).tolist()
         expected = mean, predicted
-    return Pairs(
-        **{name: column[order] for name, column in rows.items()},
+    sorted_rows: dict[str, Any] = {name: column[order] for name, column in rows.items()}
+    joined = Pairs(
+        **sorted_rows,
         reference_index=index[order],
         reference_names=tuple(names),
         warnings=(*said, *notes),
@@ -62,21 +65,24 @@ def join_references(each: Sequence[Pairs], names: Sequence[str]) -> Pairs:
         slow_shear=max((each[k] for k in there), key=len).slow_shear,
         delay_h=max(each[k].delay_h for k in there),
         speed_late_h=max((each[k] for k in there), key=len).speed_late_h,
-        compass=_combined_compass([each[k].compass for k in there], [len(each[k]) for k in there]),
         doubts=(
             *(((differ_deg, CONTRADICTING.format(differ_deg)),) if differ_deg else ()),
             *(doubt for k in there for doubt in each[k].doubts),
         ),
         slowed=tuple((k, *span[1:]) for k, pairs in enumerate(each) for span in pairs.slowed),
     )
+    if not len(joined):
+        return replace(joined, compass=each[used[0]].compass)
+    row, share = _shares(joined)
+    mean_share = np.bincount(index[order], share, len(each))[there] / (row[-1] + 1)
+    return replace(joined, compass=_combined_compass([each[k].compass for k in there], mean_share))
 
 
-def _combined_compass(compasses: Sequence[ReferenceCompass | None], counts: Sequence[int]) -> ReferenceCompass | None:
-    """Combine independent errors of compasses, weighted by their numbers of pairs."""
+def _combined_compass(compasses: Sequence[ReferenceCompass | None], weight: Floats) -> ReferenceCompass | None:
+    """Combine independent errors of compasses by their shares in the mean, (k,)."""
     known = [compass for compass in compasses if compass is not None]
     if len(known) < len(compasses):
         return None
-    weight = np.maximum(counts, 1) / np.maximum(counts, 1).sum()
     errors = [(each.sigma_deg, each.iron_deg, each.declination_deg) for each in known]
     # The error of the declination is common to all directions that are true already.
     constant, iron = np.sqrt(weight**2 @ np.square(errors))[:2].tolist()
@@ -91,18 +97,21 @@ def combine_references(pairs: Pairs) -> Pairs:
         return pairs
     if not len(pairs):
         return replace(pairs, reference_index=None, reference_names=())
-    times, first, row = np.unique(pairs.time_s, return_index=True, return_inverse=True)
-    used, column = np.unique(pairs.reference_index, return_inverse=True)
-    weight = np.zeros((len(times), len(used)))
-    weight[row, column] = 1.0
-    missed = np.full(weight.shape, np.nan)
+    row, share = _shares(pairs)
+    means: dict[str, Any] = {name: np.bincount(row, share * getattr(pairs, name)) for name in AVERAGED}
+    whole = replace(pairs, reference_index=None, lower_heading_deg=None)
+    return replace(take(whole, np.unique(pairs.time_s, return_index=True)[1]), **means)
+
+
+def _shares(pairs: Pairs) -> tuple[NDArray[np.intp], Floats]:
+    """Compute the time, as its number, and the weight in the mean at that time of each pair in order of time, (n,)."""
+    times, row = np.unique(pairs.time_s, return_inverse=True)
+    used, column = np.unique(np.asarray(pairs.reference_index), return_inverse=True)
+    missed = np.full((len(times), len(used)), np.nan)
     upper, lower = pairs.flows
     missed[row, column] = np.abs(upper) - np.abs(lower)
-    weight *= _weights(missed)
-    share = (weight / weight.sum(axis=1, keepdims=True))[row, column]
-    means: dict[str, Any] = {name: np.bincount(row, share * getattr(pairs, name), len(times)) for name in AVERAGED}
-    whole = replace(pairs, reference_index=None, reference_names=(), lower_heading_deg=None)
-    return replace(take(whole, first), **means)
+    weight = _weights(missed)
+    return row, (weight / weight.sum(axis=1, keepdims=True))[row, column]
 
 
 def _weights(missed: Floats) -> Floats:
@@ -130,6 +139,10 @@ def _agreeing(each: Sequence[Pairs], names: Sequence[str]) -> tuple[list[int], l
         doubted = {}
     used = [k for k in range(len(each)) if k not in doubted]
     notes = [f"{names[k]} is left out: {why}" for k, why in doubted.items()]
+    for a, b in combinations(used.copy(), 2):
+        if {a, b} <= {*used} and _one_recording(each[a], each[b]):
+            used.remove(b)
+            notes.append(f"{names[b]} is left out: it is another file of the recording {names[a]}")
     off = {(a, b): _apart(each[a], each[b]) for a, b in combinations(used, 2)}
     wrong = {pair: difference for pair, difference in off.items() if difference is not None}
     if not wrong:
@@ -140,16 +153,34 @@ def _agreeing(each: Sequence[Pairs], names: Sequence[str]) -> tuple[list[int], l
     if len(used) > 2 and against[worst] == len(wrong) and against[worst] > 1:
         said = f"{'; '.join(texts)}: {names[worst]} is left out, as the others agree"
         return [k for k in used if k != worst], [*notes, said], 0.0
+    usual_deg = {k: _usual_error(each[k]) for k in used}
+    if all(abs(size) < BEYOND_USUAL * np.hypot(usual_deg[a], usual_deg[b]) for (a, b), (_, size) in wrong.items()):
+        return used, [*notes, f"{'; '.join(texts)}, as compasses usually do: all are used"], 0.0
     alone = f"{names[used[0]]}, first in reference, is used alone"
     said = f"{'; '.join(texts)}: which is wrong cannot be determined; {alone}"
     return used[:1], [*notes, said], max(abs(size_deg) for _, size_deg in wrong.values())
 
 
+def _one_recording(first: Pairs, second: Pairs) -> bool:
+    """Return whether two references are one recording: their velocities at 30 common times or more hardly differ."""
+    _, a, b = np.intersect1d(first.time_s, second.time_s, return_indices=True)
+    off = np.abs(first.flows[1][a] - second.flows[1][b])
+    return len(a) >= 30 and float(np.median(off)) < SAME_M_S
+
+
+def _usual_error(pairs: Pairs) -> float:
+    """Compute the usual error of a reference's directions, degrees: of its compass, and by the mean shear."""
+    compass = pairs.compass
+    known = (0.0, 0.0) if compass is None else (compass.sigma_deg, compass.iron_deg)
+    return float(np.hypot(np.hypot(*known), pairs.veer_deg))
+
+
 def _apart(first: Pairs, second: Pairs) -> tuple[str, float] | None:
     """Describe by how many degrees two references' directions differ beyond the shear predicted by the profile.
 
-    None if the difference is below 5 degrees or 4 standard errors, from the scatter between blocks of 10 days. The
-    affected compass cancels in the difference of the predictions at the two depths, which is due to shear alone.
+    None if the difference is below 5 degrees or 4 standard errors, from the scatter between blocks of 10 days, or
+    of an eighth of a shorter time. The affected compass cancels in the difference of the predictions at the two depths,
+    which is due to shear alone.
     """
     _, a, b = np.intersect1d(first.time_s, second.time_s, return_indices=True)
     if not len(a):
@@ -158,7 +189,9 @@ def _apart(first: Pairs, second: Pairs) -> tuple[str, float] | None:
     turn = low_a * np.conj(low_b) * np.conj(up_a * np.conj(up_b))
     slowest = np.min(np.abs([up_a, low_a, up_b, low_b]), axis=0)
     turn = np.where(np.abs(turn) > 0.0, turn / np.maximum(np.abs(turn), 1e-12), 0.0) * slowest**2
-    sums = block_sums(turn, blocks_by_span(first.time_s[a], 10.0 * DAY_S))
+    span_s = float(np.ptp(first.time_s[a]))
+    block_s = min(10.0 * DAY_S, max(span_s / 8.0, 0.5 * DAY_S))
+    sums = block_sums(turn, blocks_by_span(first.time_s[a], block_s))
     if len(sums) < 5:
         return None
     mean = complex(sums.sum())

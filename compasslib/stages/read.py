@@ -131,7 +131,7 @@ def _find_pairs(
     return [
         join_references(
             [
-                replace(find_pairs(above, reference, along, by, clock), **also)
+                replace(find_pairs(above, reference, along, by, clock, several=len(each) > 1), **also)
                 for reference, clock, also in zip(each, clocks, known, strict=True)
             ],
             [Path(path).stem for path in references],

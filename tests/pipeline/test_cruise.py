@@ -87,7 +87,7 @@ def test_unusable_content_stops_only_its_mooring_in_one_pass(first):
     assert ran.returncode == 1 and len(said) == 3
     assert said[0].startswith("error: calibration bench: raw/cal/bench.csv: line 2")
     assert said[1].startswith("error: mooring BAD: raw/BAD/top.000: expected an RDI PD0 file")
-    assert said[2].startswith("error: mooring TURNED: affected instrument: expected velocities as the file has them")
+    assert said[2].startswith("error: mooring TURNED: compromised and reference: expected velocities as")
     assert said[0] in (folder / "results/calibrations/bench/logs/calibrate.log").read_text()
     table, verdicts = rows(folder), dict.fromkeys(NAMES, "stopped") | {"GOOD": "insufficient"}
     assert {name: row["verdict"] for name, row in table.items()} == verdicts

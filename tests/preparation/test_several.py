@@ -18,7 +18,7 @@ from compasslib.pipeline.process import process_mooring
 from compasslib.preparation.pairs import PairRules, find_pairs
 from compasslib.preparation.references import combine_references, join_references
 from compasslib.product.cells import compare_at_seam
-from compasslib.records import PROBABLY_BAD, take
+from compasslib.records import PROBABLY_BAD, ReferenceCompass, take
 from tests.world import chain, sea
 from tests.world.layers import ALL_NEAR, CELL_M, FIELD, error_deg, instrument, layers, seen
 from tests.world.sea import MILD
@@ -94,6 +94,40 @@ def test_outlier_of_three_references_is_excluded(name):
     assert f"{name} is left out" in said and "12 ± " in said
     assert NAMES.index(name) not in every.reference_index
     assert error_deg(combine_references(every), top, heading) < 3.0
+
+
+def test_outlier_of_three_references_is_excluded_within_a_month():
+    found, *_ = trio(5, {"mid": 25.0})
+    every = join_references([take(pairs, slice(0, 720)) for pairs in found], NAMES)
+    assert "mid is left out" in every.warnings[0] and set(every.reference_index) == {0, 2}
+
+
+def test_second_file_of_a_recording_does_not_count():
+    (low, mid, _), *_ = trio(7, {"low": 15.0})
+    every = join_references([low, low, mid], ("low", "copy", "mid"))
+    assert every.warnings[0] == "copy is left out: it is another file of the recording low"
+    assert "cannot be determined" in every.warnings[1] and set(every.reference_index) == {0}
+
+
+def test_references_that_differ_as_their_compasses_usually_do_are_all_used():
+    found, *_ = trio(7, {"mid": -8.0})
+    known = [replace(pairs, compass=ReferenceCompass("r", 3.0, 2.0)) for pairs in found[:2]]
+    every = join_references(known, NAMES[:2])
+    assert not every.doubts and "all are used" in every.warnings[0]
+    assert 3.0 / np.sqrt(2.0) <= every.compass.sigma_deg <= 3.0  # by the weights, which follow from the noise
+
+
+def test_reference_with_exchanged_components_is_left_out_of_several():
+    flow = layers(5)
+    top, _, _ = seen(MILD, flow, 5)
+    meters = [
+        instrument(x, -CELL_M, heading_deg=np.full(len(flow), np.nan)) for x in (flow[:, :1], 1j * np.conj(flow[:, :1]))
+    ]
+    found = [find_pairs(top, [meter], FIELD, ALL_NEAR, several=True) for meter in meters]
+    every = join_references(found, NAMES[:2])
+    assert "mid is left out" in every.warnings[0] and "east and north" in every.warnings[0]
+    with pytest.raises(InputError, match="compromised and reference"):
+        find_pairs(top, [meters[1]], FIELD, ALL_NEAR)
 
 
 def test_first_of_two_contradictory_references_is_used():
