@@ -27,7 +27,7 @@ from compasslib.inference.design import FittedModel
 from compasslib.inference.diagnosis import Diagnosis, Outcome
 from compasslib.inference.evidence import MOST_EFFECTS
 from compasslib.inference.finding import BinnedResidual, CovariateRange, Finding, HeldOut, Parameter, Unexplained
-from compasslib.inference.noise import CurrentStatement
+from compasslib.inference.noise import REFERENCE_TOO, CurrentStatement
 from compasslib.inference.product import AppliedCompass, WeightedCompass
 from compasslib.inference.search import Inference
 from compasslib.inference.sticking import HeadingCluster
@@ -180,6 +180,8 @@ def _current(inferred: Inference, min_effect_deg: float) -> tuple[float, tuple[C
     flow_deg = angles.direction(series["body_flow_sine"], series["body_flow_cosine"])
     aligned = bool(angles.resultant_length(flow_deg) >= covariate_series.FOLLOWS_FLOW)
     for item in with_effects.statements(visible, min_effect_deg, aligned=aligned)[1]:
+        if item.driver == "flow_direction" and "reference_sine" not in series:
+            item = replace(item, text=item.text + REFERENCE_TOO)
         groups = [group for group in inferred.rivals if item.driver is None or item.driver in group]
         rival = max((inferred.rivals[group] for group in groups), key=lambda each: each.probability, default=None)
         driver = "" if rival is None else model.options[rival.option].term.driver

@@ -72,6 +72,7 @@ RIVAL = (
     "headings are the average of both by these probabilities, their uncertainty includes the difference. "
     "{separated_by} would separate them."
 )
+REFERENCE_TOO = " A deviation of the reference, whose heading is unknown or follows the flow, would show the same."
 SEPARATED_BY = "a second current meter at the depth of the affected instrument"
 CONTESTED = 0.05  # probability of a compass effect instead, from which a statement on the current is qualified
 

@@ -155,7 +155,7 @@ def display_name(effect: str) -> str:
     """Format the name of an effect for readers; a composed one, composed:ACTS_ON/DRIVER/FORM, is put into words."""
     if effect.startswith(COMPOSED):
         return " changing ".join(describe_composition(*effect.removeprefix(COMPOSED).split("/")))
-    return effect.replace("_", " ")
+    return "slow directional shear" if effect == SLOW_WATER else effect.replace("_", " ")
 
 
 def join_names(names: Sequence[str], last: str = " or ") -> str:

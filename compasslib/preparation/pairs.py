@@ -341,7 +341,12 @@ def _absent(upper: Record, trusted: Sequence[Record]) -> list[str]:
     if upper.time_s[0] > trusted[0].time_s[-1] or trusted[0].time_s[0] > upper.time_s[-1]:
         return ["the two records do not overlap in time"]
     depths = [f"{np.nanmedian(record.depth_m):.0f}" for record in (upper, trusted[0])]
-    return [f"no two velocities are near enough in time and depth (instruments at {' and '.join(depths)} m)"]
+    bins_m = np.nanmedian(upper.bin_depth_m(), axis=0)
+    apart_m = float(np.nanmin(np.abs(bins_m - np.nanmedian(trusted[0].depth_m)), initial=np.inf))
+    return [
+        f"no two velocities are near enough in time and depth: instruments at {' and '.join(depths)} m, the nearest "
+        f"bin {apart_m:.0f} m from the reference (overlap: max_metres, max_minutes)"
+    ]
 
 
 def _unusable(record: Record, *, heading: bool) -> str:
