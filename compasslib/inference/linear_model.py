@@ -69,6 +69,7 @@ LISTED = {  # compositions that classes of the catalogue represent
 COARSEST_S = 10 * DAY_S  # least first spacing of dates
 MOST_PLACES, CLOSE_S = 2, 12 * DAY_S  # places that are refined, and their least distance
 STEEP = 1.0  # difference in log likelihood between neighbouring dates from which dates are tried between them
+RULED_OUT = -50.0  # log likelihood ratio of what cannot be
 LEAST_TURN_DEG = 1e-9  # rms, below which columns are left out
 
 Entered = Sequence[tuple[int, float]]  # index and amplitude, degrees, of options that are part of the noise
@@ -319,7 +320,7 @@ def _score_inflation(fitted: FittedModel, options: Sequence[Option]) -> float:
 
 def enumerate_options(freed: FittedModel, midpoint: FittedModel) -> tuple[Option, ...]:
     """Enumerate the forms of all blocks, linearized at a midpoint; the residual of the freed model dates steps."""
-    made = _without_early([*_listed(freed, midpoint), *_composed(midpoint)], freed)
+    made = _rule_out_early([*_listed(freed, midpoint), *_composed(midpoint)], freed)
     turns = midpoint.comparison.reference_turns
     return tuple(
         replace(each, log_ratio=_turn_ratio(each.term, turns)) if turns and type(each.term).dated() else each
@@ -327,8 +328,8 @@ def enumerate_options(freed: FittedModel, midpoint: FittedModel) -> tuple[Option
     )
 
 
-def _without_early(options: list[Option], freed: FittedModel) -> list[Option]:
-    """Leave out what depends on the rate of turn if the readings are ahead of the headings.
+def _rule_out_early(options: list[Option], freed: FittedModel) -> list[Option]:
+    """Rule out what depends on the rate of turn if the readings are ahead of the headings.
 
     A compass is late. Directions are ahead of the turns where the flow around the instrument, which the reference does
     not see, turns it.
@@ -336,7 +337,10 @@ def _without_early(options: list[Option], freed: FittedModel) -> list[Option]:
     entered = {type(term) for term in freed.simulation.terms}
     for lag in (option for option in options if type(option.term) is CompassLag):
         if float(freed.whiten_and_project(lag.columns)[:, 0] @ freed.innovation) < 0.0:
-            return [each for each in options if each.block != lag.block or type(each.term) in entered]
+            ruled = (each.block == lag.block and type(each.term) not in entered for each in options)
+            return [
+                replace(each, log_ratio=RULED_OUT) if out else each for each, out in zip(options, ruled, strict=True)
+            ]
     return options
 
 
