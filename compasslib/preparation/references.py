@@ -140,7 +140,7 @@ def _agreeing(each: Sequence[Pairs], names: Sequence[str]) -> tuple[list[int], l
     used = [k for k in range(len(each)) if k not in doubted]
     notes = [f"{names[k]} is left out: {why}" for k, why in doubted.items()]
     for a, b in combinations(used.copy(), 2):
-        if {a, b} <= {*used} and _one_recording(each[a], each[b]):
+        if {a, b} <= {*used} and _same_recording(each[a], each[b]):
             used.remove(b)
             notes.append(f"{names[b]} is left out: it is another file of the recording {names[a]}")
     off = {(a, b): _apart(each[a], each[b]) for a, b in combinations(used, 2)}
@@ -161,7 +161,7 @@ def _agreeing(each: Sequence[Pairs], names: Sequence[str]) -> tuple[list[int], l
     return used[:1], [*notes, said], max(abs(size_deg) for _, size_deg in wrong.values())
 
 
-def _one_recording(first: Pairs, second: Pairs) -> bool:
+def _same_recording(first: Pairs, second: Pairs) -> bool:
     """Return whether two references are one recording: their velocities at 30 common times or more hardly differ."""
     _, a, b = np.intersect1d(first.time_s, second.time_s, return_indices=True)
     off = np.abs(first.flows[1][a] - second.flows[1][b])
