@@ -69,9 +69,14 @@ def draw_sticks(path: str | Path, plotted: AveragedCurrents) -> None:
         room = max(0.05 * (high - low), 0.5)
         half_s = plotted.hours * HOUR_S / 2.0
         first, last = float(plotted.middle_s[0]) - half_s, float(plotted.middle_s[-1]) + half_s
-        # What a stick reaches along the axis: its scale is that of the vertical axis, of a panel 2.8 by 0.65 inches.
-        second = (last - first) / 2.8 * 0.65 / (high - low + 2.0 * room)
-        tips = np.concatenate([plotted.middle_s + second * page.CM * mean.real for mean in plotted.means.values()])
+        # What a stick reaches along the axis, which it lengthens: its scale is that of the vertical axis, of a panel 2.7
+        # by 0.83 inches.
+        limits = span = first, last
+        for _ in range(10):
+            second = (limits[1] - limits[0]) / 2.7 * 0.83 / (high - low + 2.0 * room)
+            reach_s = second * page.CM * np.stack([mean.real for mean in plotted.means.values()])
+            tips = plotted.middle_s + reach_s
+            limits = min(span[0], float(np.nanmin(tips))), max(span[1], float(np.nanmax(tips)))
         for axes, (name, mean) in zip(panels, plotted.means.items(), strict=True):
             there = np.isfinite(mean)
             u, v = page.CM * mean[there].real, page.CM * mean[there].imag
@@ -84,7 +89,7 @@ def draw_sticks(path: str | Path, plotted: AveragedCurrents) -> None:
             axes.axhline(0.0, color=page.COLOURS[name], linewidth=0.5)
             axes.set(title=name, ylabel="North\n(cm/s)", ylim=(low - room, high + room))
             axes.locator_params(axis="y", nbins=4, steps=page.ROUND)
-        page.dates(panels[-1], (min(first, float(np.nanmin(tips))), max(last, float(np.nanmax(tips)))))
+        page.dates(panels[-1], limits)
         interval = f"{plotted.hours:g} h" if plotted.hours < 24.0 else f"{plotted.hours / 24.0:g} d"
         panels[-1].set_xlabel(f"Date (UTC), means of {interval}")
         figure.align_ylabels(panels)
