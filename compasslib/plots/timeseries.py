@@ -69,8 +69,8 @@ def draw_sticks(path: str | Path, plotted: AveragedCurrents) -> None:
         room = max(0.05 * (high - low), 0.5)
         half_s = plotted.hours * HOUR_S / 2.0
         first, last = float(plotted.middle_s[0]) - half_s, float(plotted.middle_s[-1]) + half_s
-        # What a stick reaches along the axis, which it lengthens: its scale is that of the vertical axis, of a panel 2.7
-        # by 0.83 inches.
+        # What a stick reaches along the axis, which it lengthens: its scale is that of the vertical axis, of a panel of
+        # 2.7 by 0.83 inches.
         limits = span = first, last
         for _ in range(10):
             second = (limits[1] - limits[0]) / 2.7 * 0.83 / (high - low + 2.0 * room)
