@@ -341,8 +341,8 @@ def _absent(upper: Record, trusted: Sequence[Record]) -> list[str]:
     if upper.time_s[0] > trusted[0].time_s[-1] or trusted[0].time_s[0] > upper.time_s[-1]:
         return ["the two records do not overlap in time"]
     depths = [f"{np.nanmedian(record.depth_m):.0f}" for record in (upper, trusted[0])]
-    some = take(upper, np.linspace(0, len(upper.time_s) - 1, 100).astype(np.intp))
-    bins_m = np.nanmedian(some.bin_depth_m(), axis=0)
+    sample = take(upper, np.linspace(0, len(upper.time_s) - 1, 100).astype(np.intp))
+    bins_m = np.nanmedian(sample.bin_depth_m(), axis=0)
     apart_m = float(np.nanmin(np.abs(bins_m - np.nanmedian(trusted[0].depth_m)), initial=np.inf))
     return [
         f"no two velocities are near enough in time and depth: instruments at {' and '.join(depths)} m, the nearest "
