@@ -96,5 +96,5 @@ def driver_of(effect: str) -> str:
 
 def meanings(effect: str) -> dict[str, str]:
     """Describe an effect's parameters by name, without details after a comma or semicolon."""
-    forms = [term for term in all_effects() if term.name == effect][::-1]  # that of a mooring is the first
+    forms = [term for term in all_effects() if term.name == effect][::-1]  # a mooring's, the first, counts
     return {part.name: re.split("[,;]", part.metadata["meaning"])[0] for form in forms for part in fields(form)}

@@ -37,9 +37,9 @@ USUAL_VEER_DEG, USUAL_SHEAR_M_S = 3.0, 0.02  # scales of half-Cauchy priors, fro
 # grid in standard deviations, shares of veer in the variance, range of memories, degrees of freedom of the prior.
 SIZE_WIDENED, MEMORY_WIDENED = 0.3, 0.5
 STEPS, VEER_SHARES, MEMORIES_DAYS, FREEDOM = (-1.6, -0.8, 0.0, 0.8, 1.6), (0.0, 0.5, 1.0), (2.0, 300.0), 4.0
-# Prior odds that the reference is in a layer whose water veers for weeks: the directions of two depths, 8 m (eh2) and
-# 20 m (papa) apart, averaged over a month, differ by over 10 degrees from those of the record in 12 % of the months.
-OTHER_LAYER = 0.1
+# The directions of two depths, 8 m (eh2) and 20 m (papa) apart, averaged over a month, differ by over 10 degrees from
+# those of the whole record in 12 % of the months.
+OTHER_LAYER = 0.1  # prior odds that the reference is in a layer whose water veers for weeks: eh2, papa
 LARGE_CURRENT = 2.0  # times its usual size: what the current can explain is not attributed to the compass
 TIDE_SPAN_S = 3600.0  # averaging time of the speed, for the turn by tidal shear of USUAL_SHEAR_M_S per wave
 

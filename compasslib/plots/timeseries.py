@@ -71,12 +71,11 @@ def draw_sticks(path: str | Path, plotted: AveragedCurrents) -> None:
         first, last = float(plotted.middle_s[0]) - half_s, float(plotted.middle_s[-1]) + half_s
         # What a stick reaches along the axis, which it lengthens: its scale is that of the vertical axis, of a panel of
         # 2.7 by 0.83 inches.
-        limits = span = first, last
+        limits = first, last
         for _ in range(10):
             second = (limits[1] - limits[0]) / 2.7 * 0.83 / (high - low + 2.0 * room)
-            reach_s = second * page.CM * np.stack([mean.real for mean in plotted.means.values()])
-            tips = plotted.middle_s + reach_s
-            limits = min(span[0], float(np.nanmin(tips))), max(span[1], float(np.nanmax(tips)))
+            tips = plotted.middle_s + second * page.CM * np.stack([mean.real for mean in plotted.means.values()])
+            limits = min(first, float(np.nanmin(tips))), max(last, float(np.nanmax(tips)))
         for axes, (name, mean) in zip(panels, plotted.means.items(), strict=True):
             there = np.isfinite(mean)
             u, v = page.CM * mean[there].real, page.CM * mean[there].imag

@@ -35,9 +35,6 @@ def test_only_the_page_reads_the_truth_and_no_manifest_lists_it(tmp_path):
     assert made["wrote"] == {"raw/C1/top.000": "0"}
 
 
-PAGES = ("concealed.md", "proof.md")
-
-
 def told(folder: Path, name: str) -> dict:
     return json.loads((folder / f"{name}.json").read_text())
 
@@ -98,7 +95,10 @@ def test_the_pages_quote_the_sealed_proof():
     (better, worse, sizes), (all_better, all_worse, all_sizes) = map(changed, (rows, every))
     page, concealed, proof = (
         " ".join(file.read_text().split())
-        for file in (TEMPLATES / "concealed.html", *map((PROJECT / "docs/background").joinpath, PAGES))
+        for file in (
+            TEMPLATES / "concealed.html",
+            *map((PROJECT / "docs/background").joinpath, ("concealed.md", "proof.md")),
+        )
     )
     said = f"by more than 0.1° and raised {worse} by as much"
     assert f"of {better} of {len(rows)} moorings {said}; together they fell from {sizes}" in page
