@@ -27,6 +27,7 @@ if CONCEALED:
             job="results/logs/recordings.json",
         log:
             "results/logs/recordings.log",
+        priority: 1  # it takes as long as five moorings, on one core
         params:
             **parameters("demonstration.recordings"),
         script:
