@@ -146,7 +146,7 @@ def _measured(fit: DeviationFit, pairs: Pairs) -> tuple[float, float] | None:
         n = effective_sample_size(residual[known], pairs.time_s[known])
         current = float(np.sqrt(fit.covariance[0, 0])) / angles.DEGREE
         mean = float(angles.wrap180(angles.mean(residual[known])))
-        return mean, float(np.hypot(current, angles.rms(residual[known]) / np.sqrt(n)))
+        return mean, float(np.hypot(current, angles.rms(angles.difference(residual[known], mean)) / np.sqrt(n)))
     a, sigma = float(fit.coefficients[0]), float(np.sqrt(fit.covariance[0, 0]))
     if fit.method == "von_appen":
         return float(angles.wrap180(a)), sigma

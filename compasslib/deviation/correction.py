@@ -17,6 +17,7 @@ from compasslib.deviation.doubts import Doubt, doubt_whole_record, evaluate_doub
 from compasslib.deviation.exact import MIN_SLOPE, correct_roots, heading_sensitivity, reading_slope
 from compasslib.deviation.likelihood import scatter_density, scatter_widths, squared_chords
 from compasslib.deviation.model import (
+    IRON_SIGMA_NT,
     UNKNOWN_COVARIANCE,
     DeviationFit,
     constant_sigma,
@@ -47,6 +48,7 @@ from compasslib.types import Complexes, Floats
 Flags = NDArray[np.int8]
 
 MIN_PROBABILITY = 0.95  # a heading is flagged if its branch is less probable
+INDUCED_SHARE = 0.01  # of the vertical field, induced along the vertical axis: standard deviation
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,7 @@ def correct_in_pieces(
         doubts: periods whose headings are flagged as doubtful, with increased uncertainty.
     """
     decision = correct_headings(record_readings(record), fit, pairs, at)
+    tilted = tilted_iron_sigma(record, field) if at is None or not at.tilted else 0.0
     denied = ("" if fit.covariance_known else UNKNOWN_COVARIANCE, find_implausibility(fit, record))
     doubts = (*doubts, *(doubt_whole_record(angles.UNIFORM_SIGMA_DEG, why) for why in denied if why))
     doubted, doubted_deg = evaluate_doubts(doubts, record.time_s)
@@ -127,7 +130,7 @@ def correct_in_pieces(
     rounded_deg = resolution / np.maximum(np.nan_to_num(slope, nan=1.0), MIN_SLOPE)
     whole, common = (
         np.minimum(np.sqrt(known**2 + unmodelled_deg**2 + doubted_deg**2 + further), angles.UNIFORM_SIGMA_DEG)
-        for known, further in ((decision.sigma_deg, rounded_deg**2), (decision.common_deg, 0.0))
+        for known, further in ((decision.sigma_deg, rounded_deg**2 + tilted**2), (decision.common_deg, 0.0))
     )
     probability = np.where(doubted, np.minimum(decision.probability, 0.0), decision.probability)
     decision = replace(decision, sigma_deg=whole, common_deg=common, probability=probability)
@@ -175,16 +178,22 @@ def correct_headings(
             heading_deg=np.where(average.shift_deg == 0.0, decision.heading_deg, shifted),
             probability=np.minimum(decision.probability, np.where(average.agreed < 0.9, average.agreed, np.inf)),
         )
-    left_out = np.zeros(parameters.shape)
-    if at is None or not at.tilted:
-        # At 5 degrees of tilt, which is assumed where none was recorded (von Appen 2015: typically 5), a vertical field
-        # of the iron of 4 % of H, or one of 1 % induced where Z is four times H, each deflect the compass by some 0.2
-        # degrees along either axis.
-        tilt_deg = np.hypot(readings.pitch_deg, readings.roll_deg)
-        left_out = 0.08 * np.where(np.isfinite(tilt_deg), tilt_deg, 5.0)
     common = np.sqrt(parameters**2 + np.sum(reference_modes(fit, decision.heading_deg) ** 2, axis=1))
-    sigma = np.sqrt(decision.sigma_deg**2 + common**2 + left_out**2)
+    sigma = np.hypot(decision.sigma_deg, common)
     return replace(decision, sigma_deg=np.minimum(sigma, angles.UNIFORM_SIGMA_DEG), common_deg=common)
+
+
+def tilted_iron_sigma(record: Record, field: EarthField) -> Floats:
+    """Compute the deflection of a tilted compass by vertical iron that the level model leaves out, (n,) degrees, 1σ.
+
+    Iron adds as much along the instrument's axis as across it in one that is not near a sphere, and 1 % of the vertical
+    field. Its deflection, rms over headings, is doubled for errors of the tilts. A tilt of 5 degrees is assumed where
+    none was recorded (von Appen 2015: typically 5).
+    """
+    tilt_deg = np.hypot(record.pitch_deg, record.roll_deg)
+    vertical_nT = np.hypot(IRON_SIGMA_NT, INDUCED_SHARE * float(np.mean(field.vertical_nT)))
+    share = vertical_nT / np.sqrt(2.0) / float(np.mean(field.horizontal_nT))
+    return np.asarray(2.0 * share * np.where(np.isfinite(tilt_deg), tilt_deg, 5.0))
 
 
 def reference_modes(fit: DeviationFit, heading_deg: Floats) -> Floats:

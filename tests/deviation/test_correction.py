@@ -19,11 +19,12 @@ from compasslib.deviation.correction import (
     correct_headings,
     correct_in_pieces,
     readings_at_pairs,
+    tilted_iron_sigma,
 )
 from compasslib.deviation.doubts import doubt_whole_record
 from compasslib.deviation.exact import fit_exact
 from compasslib.deviation.likelihood import CELL_CENTRES, CELLS
-from compasslib.deviation.model import unfitted
+from compasslib.deviation.model import IRON_SIGMA_NT, unfitted
 from compasslib.deviation.series import fit_series
 from compasslib.records import BAD, GOOD, MISSING, PROBABLY_BAD, take
 from tests.world.products import measured
@@ -43,6 +44,19 @@ def test_mild_record_is_corrected_within_its_stated_uncertainty():
     assert angles.rms(off) < 2.5 < angles.rms(angles.difference(seen.heading_deg, heading))
     assert np.mean(np.abs(off) < 1.96 * product.heading_uncertainty_deg) > 0.9
     assert (product.heading_corrected_quality == GOOD).all()
+
+
+@pytest.mark.parametrize(("horizontal_nT", "vertical_nT"), [(12_000.0, 48_000.0), (6_000.0, 55_000.0), (30_000.0, 0.0)])
+def test_uncertainty_by_tilt_is_twice_that_of_vertical_iron(horizontal_nT, vertical_nT):
+    """At random headings, in a weak field as at the equator."""
+    seen, _ = pairs(MILD, n=2000)
+    way, rng = np.arange(2000) * 0.1, np.random.default_rng(0)
+    record = replace(record_of(seen), pitch_deg=5.0 * np.cos(way), roll_deg=5.0 * np.sin(way))
+    field = replace(field_of(seen), horizontal_nT=0 * way + horizontal_nT, vertical_nT=0 * way + vertical_nT)
+    iron_nT = IRON_SIGMA_NT * rng.normal(size=2000) + 0.01 * vertical_nT * rng.normal(size=2000)
+    leaning = np.sin(np.deg2rad(record.pitch_deg)) + 1j * np.sin(np.deg2rad(record.roll_deg))
+    turned = np.angle(horizontal_nT + iron_nT * leaning * np.exp(1j * rng.uniform(0, 2 * np.pi, 2000)), deg=True)
+    assert np.mean(tilted_iron_sigma(record, field)) == pytest.approx(2.0 * turned.std(), rel=0.1)
 
 
 def test_corrected_velocity_is_the_recorded_one_turned_by_deviation_and_declination():

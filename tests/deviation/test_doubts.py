@@ -110,6 +110,7 @@ def test_constant_of_a_calibration_is_the_mean_residual(mild):
     carried = replace(fit, method="calibration")
     found = find_constant_offset(carried, turned(seen, "lower", 24.0), 24.0)
     assert found.effect == "declination_error" and found.angle_deg == pytest.approx(24.0, abs=3.0)
+    assert found.sigma_deg == pytest.approx(find_constant_offset(carried, seen, 24.0).sigma_deg, rel=0.1)
 
 
 def test_fit_of_a_folded_compass_recovers_a_constant(angle_deg=-36.0):
