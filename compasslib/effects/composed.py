@@ -220,6 +220,11 @@ FORMS: Mapping[str, Form] = {
         _numbered(FREE_WAVES), places=SPAN, words="as a free function of {}",
         formula=f"Σ p_k·cos(kπ·(t − begin) / (end − begin)) / √(1 + (k/{FREE_FROM:g})²)",
     ),
+    "creep": Form(
+        lambda term, x, t: np.log1p(np.maximum((t - term.from_s) / term.constant_s, 0.0))[:, None],
+        places=(("from_s", "s"), ("constant_s", "s")), words="with the logarithm of {}",
+        formula="p·ln(1 + (t − from) / constant), from the beginning, or of negative constant from the end",
+    ),
     "box": Form(
         lambda term, x, t: ((t >= term.begin_s) & (t < term.end_s)).astype(float)[:, None],
         places=SPAN, words="for a while", formula="p from begin to end, else 0",

@@ -60,6 +60,8 @@ VALUES = ("temperature", "depth", "speed", "pitch", "roll", "tilt", "voltage")
 WITH_HISTORY = ("temperature", "depth", "voltage")  # whose effects may lag behind them; so does the current by speed
 OF_FIELD = ("time", "temperature", "depth", "speed", "pitch", "roll", "voltage")  # may magnetize iron, or move it
 OF_LOBES = ("time", "temperature", "depth", "speed", "voltage")  # may bend a sensor's axes, or change their gain
+# Magnetization in a new field grows with the logarithm of time (Street and Woolley, Proc. Phys. Soc. A 62, 562, 1949).
+CREEPS_S = (1 * DAY_S, 10 * DAY_S, 100 * DAY_S)
 BOX_LENGTHS, BOX_STEP = (0.08, 0.16), 0.08  # of temporary offsets, as shares of the record
 LISTED = {  # compositions that classes of the catalogue represent
     *(("field_horizontal", driver, "linear") for driver in ("time", "temperature", "voltage")),
@@ -392,27 +394,25 @@ def _compositions(scene: Scene, channels: Mapping[str, str]) -> Iterator[tuple]:
     for driver in there:
         x = driver_series(scene, driver)
         middle, width = float(np.median(x)), float(np.std(x))
-        forms = [("linear",), ("smooth", (middle, width)), ("memory", *((play * width,) for play in PLAYS))]
+        forms = [("linear",), ("memory", *((play * width,) for play in PLAYS))]
+        forms += [] if covariates.is_like_time(x, time_s) else [("smooth", (middle, width))]
         forms += [("bands",)] if driver in WITH_HISTORY or driver in channels else []
         targets = ["reading"] + ["field_horizontal"] * (driver in OF_FIELD)
         yield from ((target, driver, *form) for target in targets for form in forms)
-        yield from ((lobe, driver, "linear") for lobe in LOBES if driver in OF_LOBES)
-        if driver in OF_LOBES:
-            yield "field_down", driver, "linear"
+        yield from ((target, driver, "linear") for target in (*LOBES, "field_down") if driver in OF_LOBES)
     if _varies(scene, "turn_rate"):
-        x = driver_series(scene, "turn_rate")
         yield "reading", "turn_rate", "sign"
-        yield "reading", "turn_rate", "smooth", (0.0, float(np.std(x)))
+        yield "reading", "turn_rate", "smooth", (0.0, float(np.std(driver_series(scene, "turn_rate"))))
     for target in ("reading", "field_horizontal"):
         yield target, "time", "linear"
         yield target, "time", "slow", (first, last)
+        yield target, "time", "creep", *((first, x) for x in CREEPS_S), *((last, -x) for x in CREEPS_S)
         yield target, "hour", "periodic", (DAY_S,)
         yield target, "hour", "daily"
         yield target, "tide", "periodic", (TIDE_S,)
         yield target, "tide", "tidal"
     yield "field_horizontal", "time", "free", (first, last)
-    yield "field_down", "time", "linear"
-    yield from ((lobe, "time", "linear") for lobe in LOBES)
+    yield from ((target, "time", "linear") for target in (*LOBES, "field_down"))
     begins = np.arange(BOX_STEP / 2.0, 1.0 - BOX_STEP, BOX_STEP)
     spans = [(begin, begin + length) for length in BOX_LENGTHS for begin in begins if begin + length < 1.0]
     yield "reading", "time", "box", *((first + (last - first) * a, first + (last - first) * b) for a, b in spans)

@@ -35,7 +35,6 @@ from compasslib.inference.wording import SIZE_PREFIX, TURN_PREFIX
 from compasslib.statistics.whitening import correlation_time, sampling_interval_s
 from compasslib.types import Floats
 
-LIKE_TIME = 0.9  # correlation with time from which a covariate's curve repeats that of time
 FIXED_PLACES = ("middle", "range", "period_s")  # that are not searched for
 SLOW = (  # reported parameters of slow noise
     ("slow_rms_deg", "veer", "size"), ("slow_memory_days", "veer", "memory_days"), ("slow_shear_m_s", "shear", "size")
@@ -127,7 +126,7 @@ def _outcome(inferred: Inference, null_model: FittedModel, cluster: HeadingClust
         others = [
             residual_curve(null_model, fitted, name)
             for name, x in comparison.covariates.items()
-            if name not in along and np.std(x) and abs(np.corrcoef(x, comparison.scene.time_s)[0, 1]) < LIKE_TIME
+            if name not in along and np.std(x) and not covariate_series.is_like_time(x, comparison.scene.time_s)
         ]
         known = [residual_curve(null_model, fitted, name) for name in names]
         # Of the others, show the one with the largest mean square in standard errors.

@@ -106,6 +106,7 @@ NOBODY_LISTED = [
     place_effect(compose_effect("reading", "heading", "harmonics")),
     place_effect(compose_effect("reading", "hour", "daily")),
     place_effect(compose_effect("field_horizontal", "time", "free"), TIME_S[0], TIME_S[-1]),
+    place_effect(compose_effect("field_horizontal", "time", "creep"), TIME_S[0], 1e6),
     place_effect(compose_effect("reading", "pitch", "memory"), 1.5),
     place_effect(compose_effect("lobe3", "temperature", "linear")),
     place_effect(compose_effect("lobe4", "voltage", "linear")),

@@ -221,6 +221,13 @@ def test_an_unlisted_effect_is_composed_and_applied():
     assert again.applied[0].compass.simulation.terms == product.applied[0].compass.simulation.terms
 
 
+def test_iron_that_creeps_is_no_effect_of_the_voltage():
+    """Both change slowly and one way."""
+    _, found = seen({"creep": 4.0}, seed=5)
+    (only,) = found.findings
+    assert only.named.startswith("composed:field_") and only.named.endswith("/time/creep") and only.level == "effect"
+
+
 def test_composition_is_a_candidate_by_quantity_driver_and_form():
     _, found = seen({"hour": 3.5}, seed=7)
     names = {name for one in found.findings for name in (one.named, *one.alternatives)}

@@ -328,6 +328,8 @@ def effect(world: World, name: str) -> Effect:
     if name == "hard_iron_step":
         made = flat(step, "")
         return Effect(made.parameters | date, made.extra)
+    if name == "creep":  # magnetic viscosity
+        return flat(np.log1p(world.hours / 480.0), "")
     if name == "moving_iron":
         lean, unit = ((world.tilt[0], "pitch"), (world.tilt[1], "roll"))[int(coin)]
         return flat((lean - lean.mean()) / 5.0, f"_{unit}")
