@@ -126,11 +126,13 @@ def known_slow_noises(known: SlowShear, speed_m_s: float) -> list[SlowNoise]:
             shear = size * float(np.sqrt(1.0 - share))
             slow_noises.append(SlowNoise(Process(veer, memory), Process(shear, memory), prior))
     within = float(np.logaddexp.reduce([each.log_prior for each in slow_noises])) + np.log(OTHER_LAYER)
-    known_shear = Process(known.size_m_s, known.memory_days)
-    veers = [Process(*each) for each in itertools.product(VEER_DEG, VEER_DAYS[1:])]
-    priors = np.array([-np.log1p((veer.size / USUAL_VEER_DEG) ** 2) for veer in veers])
-    priors += within - np.logaddexp.reduce(priors)
-    return slow_noises + [SlowNoise(each, known_shear, float(x)) for each, x in zip(veers, priors, strict=True)]
+    others = []
+    for size, days, step in itertools.product(VEER_DEG, VEER_DAYS[1:], STEPS[1:-1]):
+        shear = Process(known.size_m_s * float(np.exp(step * size_sigma)), known.memory_days)
+        prior = -(FREEDOM + 1.0) / 2.0 * np.log1p(step**2 / FREEDOM) - np.log1p((size / USUAL_VEER_DEG) ** 2)
+        others.append(SlowNoise(Process(size, days), shear, float(prior)))
+    total = float(np.logaddexp.reduce([each.log_prior for each in others]))
+    return slow_noises + [replace(each, log_prior=each.log_prior + within - total) for each in others]
 
 
 @dataclass(frozen=True)
