@@ -81,6 +81,11 @@ def run(asked: argparse.Namespace) -> int:
     cores = asked.cores or ("all" if asked.profile == "default" else None)
     command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", str(snakefile), "--directory", asked.cruise]
     command += ["--workflow-profile", str(profile), *(["--cores", cores] if cores else [])]
+    if any(Path(asked.cruise).glob("results/**/logs/*.json")) and not any(
+        Path(asked.cruise).glob(".snakemake/metadata/*")
+    ):
+        print("the folder .snakemake, which holds the settings of earlier jobs, is missing: all jobs run again")
+        command.append("--forceall")
     os.execv(sys.executable, [*command, *(["--", *options] if options and options[0][:1] != "-" else options)])
 
 

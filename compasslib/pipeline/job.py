@@ -89,13 +89,14 @@ def _run(snakemake: Any, stage: Callable[..., None], say: Say, *, always_ends: b
     """Run the stage and write its record; return why a file is unusable where the job ends all the same."""
     reads, writes = _enter_cruise(snakemake)
     record, unusable = str(writes.pop("job")), None
-    settings = unflatten(value for value in snakemake.params if isinstance(value, str) and "=" in value)
+    texts = [value for value in snakemake.params if isinstance(value, str) and "=" in value]
+    settings, sorted_settings = unflatten(texts), unflatten(sorted(texts))  # the rule's order is of all moorings
     made = {
         "rule": snakemake.rule,
         "of": dict(snakemake.wildcards.items()),
         "software": provenance.software(),
         "library": settings.pop("library", ""),
-        "parameters": settings,
+        "parameters": {name: value for name, value in sorted_settings.items() if name in settings},
     }
     try:
         made["read"] = {path: hash_input(path) for path in _flat(reads)}

@@ -12,6 +12,7 @@ import gzip
 import re
 import zlib
 from collections.abc import Iterator, Sequence
+from glob import escape
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,7 @@ LATIN_TEXT = _TEXT + bytes(sorted({*range(0x80, 0xFF)} - {0x81, 0x8D, 0x8F, 0x90
 MISSING_COUNT = np.iinfo(np.int16).min  # missing value of RDI and Nortek
 NORTEK_START = 0xB58C  # initial value of Nortek's checksum, to which 16-bit words are added
 
+CONVERTED = (".hdr", ".dat", ".sen", ".v1", ".v2", ".v3")  # files of Nortek's conversion that are read
 ESCAPE = b"\x18"
 ESCAPE_PAIRS = ((b"\x18\x6b", b"\x2b"), (b"\x18\x58", ESCAPE))
 ESCAPES_UNDONE = "came with the escapes of a modem's controller (18 6B for 2B, 18 58 for 18), which were undone"
@@ -122,6 +124,13 @@ def read_text(path: Path) -> tuple[bytes, list[str], bool]:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     ended = data.endswith(b"\n")
     return data if ended or not data else data + b"\n", notes, ended
+
+
+def list_converted(file: str, root: Path) -> list[str]:
+    """List the other files of the text conversion of a Nortek recording to which a file in a folder belongs, if any."""
+    path = Path(file)
+    beside = sorted((root / path).parent.glob(f"{escape(path.stem)}.*")) if path.suffix.lower() in CONVERTED else ()
+    return [str(path.with_name(x.name)) for x in beside if x.suffix.lower() in CONVERTED and x.name != path.name]
 
 
 def is_utf16(data: bytes) -> bool:

@@ -35,25 +35,25 @@ def figures(mooring: str, files: Files, say: Say) -> None:
         diagnosis=read_json(files.diagnosis),
         histograms=summary.read_histograms(files.histograms),
     )
-    _draw("mooring", mooring, files, data, say)
+    _draw("mooring", mooring, files.product, files, data, say)
 
 
 def sections(mooring: str, files: Files, say: Say) -> None:
     """Draw the section, the mean profile and the rotary spectra of the gridded velocities."""
     data = SimpleNamespace(means=read_section(files.gridded), series=read_depth_series(files.gridded))
-    _draw("sections", mooring, files, data, say)
+    _draw("sections", mooring, files.gridded, files, data, say)
 
 
 def calibration_figures(name: str, files: Files, say: Say) -> None:
     """Draw the figures of a calibration, among them those of its ``diagnosis``, if it has one."""
     stored = StoredCalibration(read_json(files.calibration), read_table(files.table), read_csv(files.points))
     diagnosis = read_json(files.diagnosis[0]) if files.diagnosis else None
-    _draw("calibration", name, files, SimpleNamespace(stored=stored, diagnosis=diagnosis), say)
+    _draw("calibration", name, files.calibration, files, SimpleNamespace(stored=stored, diagnosis=diagnosis), say)
 
 
 def joined_figures(name: str, files: Files, say: Say) -> None:
     """Draw the figures of a shared compass, by its compass.json (``joined``)."""
-    _draw("compass", name, files, read_json(files.joined), say)
+    _draw("compass", name, files.joined, files, read_json(files.joined), say)
 
 
 def cruise_figures(files: Files, say: Say, *, array: Sequence[Settings]) -> None:
@@ -62,12 +62,20 @@ def cruise_figures(files: Files, say: Say, *, array: Sequence[Settings]) -> None
         AssessedMooring(Path(file).parent.name, products.from_json(read_json(file)).fit, read_json(assessment))
         for file, assessment in zip(files.deviations, files.assessments, strict=True)
     ]
-    _draw("cruise", f"{len(moorings)} moorings", files, SimpleNamespace(moorings=moorings, array=array), say)
+    data = SimpleNamespace(moorings=moorings, array=array)
+    _draw("cruise", f"{len(moorings)} moorings", files.usable, files, data, say)
 
 
-def _draw(subject: str, name: str, files: Files, data: Any, say: Say) -> None:
-    """Draw the figures of a subject, each by its row of the table, from the data of the subject."""
+def _draw(subject: str, name: str, beside: str, files: Files, data: Any, say: Say) -> None:
+    """Draw the figures of a subject, each by its row of the table, from the data of the subject.
+
+    Args:
+        beside: a file of the folder in which ``figures`` is; those of formats that are not asked for are deleted.
+    """
     rows = {row.name: row for row in FIGURES[subject]}
+    for former in {*Path(beside).parent.glob("figures/*")} - {*map(Path, files.figures)}:
+        if former.stem in rows:
+            former.unlink()
     for figure in files.figures:
         rows[Path(figure).stem].draw(figure, data)
     if hasattr(files, "pictures"):

@@ -19,6 +19,7 @@ from compasslib.earthfield import parse_applied_declination
 from compasslib.errors import InputError
 from compasslib.inference import kinds
 from compasslib.preparation.quality import MAKERS
+from compasslib.readers.files import list_converted
 
 CONCEALED = tuple(f"C{k}" for k in range(1, 5))  # demonstration moorings whose truth is read for one page only
 SIMULATED = (*(f"EG{k}" for k in range(1, 8)), *CONCEALED)  # the moorings of the demonstration cruise
@@ -59,10 +60,12 @@ class Moorings:
 
     def companion_files(self, name: str, role: str) -> list[str]:
         """List the files besides the raw ones that the settings of an instrument's reading name."""
-        neighbour = self._neighbour(name, role) or {}
+        neighbour, used = self._neighbour(name, role) or {}, self._instrument(name, role)
+        recorded = used.files if used.format == "nortek" else ()
+        converted = [each for file in recorded for each in list_converted(file, self.cruise.root)]
         tables = [*self._series(name, role).values(), *([neighbour["table"]] if "table" in neighbour else [])]
         files = [file for table in tables for file in table["files"]]
-        return [*self._instrument(name, role).pressure_files, *files, *neighbour.get("raw", [])]
+        return [*used.pressure_files, *files, *neighbour.get("raw", []), *converted]
 
     def ready_pairs(self, name: str) -> list[str]:
         """List the file of ready-made pairs, none where pairs are found by this software."""

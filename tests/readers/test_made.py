@@ -8,6 +8,7 @@ from scipy.io import savemat
 
 from compasslib import readers
 from compasslib.cli import main
+from compasslib.readers.files import list_converted
 from tests.world import made_files
 
 DRAWN = [(kind, seed) for kind in made_files.KINDS for seed in (1, 2)]
@@ -55,6 +56,15 @@ def test_north_of_files_that_cannot_be_read_yet_is_asked_for(tmp_path, capsys):
     assert main(["init", str(tmp_path / "raw"), "--into", str(tmp_path), "--name", "M"]) == 0
     text = "".join(path.read_text() for path in (tmp_path / "config/moorings").iterdir())
     assert text.count("direction_reference: DECIDE") == 2 and "time_format: DECIDE" in text
+
+
+def test_files_of_a_conversion_are_inputs_beside_its_header(tmp_path):
+    """A changed one would not be read again, nor be in the manifest."""
+    (tmp_path / "raw").mkdir()
+    made_files.KINDS["Aquadopp profiler"][3](tmp_path / "raw/made.hdr", made_files.draw(np.random.default_rng(3), 6))
+    (tmp_path / "raw/made.prf").touch()
+    assert list_converted("raw/made.hdr", tmp_path) == ["raw/made.sen", "raw/made.v1", "raw/made.v2", "raw/made.v3"]
+    assert list_converted("raw/made.prf", tmp_path) == []
 
 
 def test_recording_beside_its_conversion_is_drafted_once(tmp_path):

@@ -358,10 +358,16 @@ def test_comment_reruns_the_manifest_only(done):
 
 
 def test_results_that_were_copied_together_need_pages_only(done, tmp_path):
-    """Parts of a cruise that ran elsewhere are merged so: without Snakemake's records, under the dates of the files."""
-    whole = shutil.copytree(done, tmp_path / "whole", ignore=shutil.ignore_patterns(".snakemake"))
+    """Parts of a cruise that ran elsewhere are merged so, with Snakemake's records and under the dates of the files."""
+    whole = shutil.copytree(done, tmp_path / "whole")
     pages = {"usable", "summary", "cruise_figures", "report", "provenance"}
     assert {job[0] for job in planned(whole, "--forcerun", "usable")} == pages
+
+
+def test_without_the_records_of_snakemake_every_job_runs_again(done, tmp_path):
+    """A changed key would go unnoticed."""
+    whole = shutil.copytree(done, tmp_path / "whole", ignore=shutil.ignore_patterns(".snakemake"))
+    assert {("read", "M1", "top"), ("correct", "M1"), ("summary",)} <= planned(whole).keys()
 
 
 def replaced(path: Path, old: str, new: str) -> None:
