@@ -319,6 +319,9 @@ def to_make_again(page: Mapping[str, Any], differ: Iterable[Difference]) -> list
 
 def read_manifest(root: Path) -> dict[str, Any]:
     """Read the manifest of a cruise."""
+    if not (root / FILE).exists():
+        advice = "compass run writes it, or says which result was changed and how to make it again"
+        raise InputError(str(root / FILE), expected="the manifest of a complete run", found="none", advice=advice)
     page: dict[str, Any] = read_json(root / FILE)
     try:
         made_from(page, "")
