@@ -128,9 +128,9 @@ def known_slow_noises(known: SlowShear, speed_m_s: float) -> list[SlowNoise]:
     within = float(np.logaddexp.reduce([each.log_prior for each in slow_noises])) + np.log(OTHER_LAYER)
     others = []
     for size, days, step in itertools.product(VEER_DEG, VEER_DAYS[1:], STEPS[1:-1]):
-        beside = Process(known.size_m_s * float(np.exp(step * size_sigma)), known.memory_days)
+        sheared = Process(known.size_m_s * float(np.exp(step * size_sigma)), known.memory_days)
         prior = -(FREEDOM + 1.0) / 2.0 * np.log1p(step**2 / FREEDOM) - np.log1p((size / USUAL_VEER_DEG) ** 2)
-        others.append(SlowNoise(Process(size, days), beside, float(prior)))
+        others.append(SlowNoise(Process(size, days), sheared, float(prior)))
     total = float(np.logaddexp.reduce([each.log_prior for each in others]))
     return slow_noises + [replace(each, log_prior=each.log_prior + within - total) for each in others]
 

@@ -129,8 +129,8 @@ def read_text(path: Path) -> tuple[bytes, list[str], bool]:
 def list_converted(file: str, root: Path) -> list[str]:
     """List the other files of the text conversion of a Nortek recording to which a file in a folder belongs, if any."""
     path = Path(file)
-    beside = sorted((root / path).parent.glob(f"{escape(path.stem)}.*")) if path.suffix.lower() in CONVERTED else ()
-    return [str(path.with_name(x.name)) for x in beside if x.suffix.lower() in CONVERTED and x.name != path.name]
+    siblings = sorted((root / path).parent.glob(f"{escape(path.stem)}.*")) if path.suffix.lower() in CONVERTED else ()
+    return [str(path.with_name(x.name)) for x in siblings if x.suffix.lower() in CONVERTED and x.name != path.name]
 
 
 def is_utf16(data: bytes) -> bool:

@@ -66,14 +66,14 @@ def cruise_figures(files: Files, say: Say, *, array: Sequence[Settings]) -> None
     _draw("cruise", f"{len(moorings)} moorings", files.usable, files, data, say)
 
 
-def _draw(subject: str, name: str, beside: str, files: Files, data: Any, say: Say) -> None:
+def _draw(subject: str, name: str, sibling: str, files: Files, data: Any, say: Say) -> None:
     """Draw the figures of a subject, each by its row of the table, from the data of the subject.
 
     Args:
-        beside: a file of the folder in which ``figures`` is; those of formats that are not asked for are deleted.
+        sibling: a file of the folder in which ``figures`` is; those of formats that are not asked for are deleted.
     """
     rows = {row.name: row for row in FIGURES[subject]}
-    for former in {*Path(beside).parent.glob("figures/*")} - {*map(Path, files.figures)}:
+    for former in {*Path(sibling).parent.glob("figures/*")} - {*map(Path, files.figures)}:
         if former.stem in rows:
             former.unlink()
     for figure in files.figures:
