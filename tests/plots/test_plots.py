@@ -35,6 +35,8 @@ from compasslib.plots.deviation import deviation_curve
 from compasslib.plots.page import BLACK, DPI, WIDE_IN, WIDTH_IN
 from compasslib.records import BAD, CorrectedRecord, EarthField, Pairs, Record, take
 from compasslib.report.sections import diagnosis_caption
+from compasslib.stages import Files
+from compasslib.stages import figures as stages
 from tests.world.figures import saved
 from tests.world.sea import pairs as draw_pairs
 from tests.world.sea import record_of
@@ -454,3 +456,15 @@ def test_headings_flagged_bad_are_not_counted():
     flagged = replace(five.record, heading_quality=np.array([1, BAD, 1, 2, 3], dtype=np.int8))
     usable = plots_page.usable_headings(replace(five, record=flagged))
     assert np.isfinite(usable).tolist() == [True, False, True, True, True]
+
+
+def test_figures_that_are_no_longer_asked_for_are_deleted(tmp_path):
+    """The report would show those of earlier results."""
+    (tmp_path / "figures").mkdir()
+    for name in ("map.png", "map.pdf", "curves.png", "mine.png"):
+        (tmp_path / "figures" / name).touch()
+    files = Files(
+        usable=f"{tmp_path}/usable.json", deviations=[], assessments=[], figures=[f"{tmp_path}/figures/map.png"]
+    )
+    stages.cruise_figures(files, print, array=[])
+    assert {path.name for path in (tmp_path / "figures").iterdir()} == {"map.png", "mine.png"}
