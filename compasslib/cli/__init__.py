@@ -16,6 +16,7 @@ import os
 import re
 import signal
 import sys
+import time
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.util import find_spec
@@ -81,11 +82,14 @@ def run(asked: argparse.Namespace) -> int:
     cores = asked.cores or ("all" if asked.profile == "default" else None)
     command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", str(snakefile), "--directory", asked.cruise]
     command += ["--workflow-profile", str(profile), *(["--cores", cores] if cores else [])]
-    if any(Path(asked.cruise).glob("results/**/logs/*.json")) and not any(
-        Path(asked.cruise).glob(".snakemake/metadata/*")
-    ):
+    records = [*Path(asked.cruise).glob("results/**/logs/*.json")]
+    if records and not any(Path(asked.cruise).glob(".snakemake/metadata/*")):
         print("the folder .snakemake, which holds the settings of earlier jobs, is missing: all jobs run again")
         command.append("--forceall")
+    ahead = max((path.stat().st_mtime for path in records), default=0.0) > time.time() + 60.0
+    if ahead and "--forceall" not in options:
+        advice = f"set the clock, and make all anew: compass run {asked.cruise} -- --forceall"
+        raise InputError(asked.cruise, expected="results of the past", found="some of a later date", advice=advice)
     os.execv(sys.executable, [*command, *(["--", *options] if options and options[0][:1] != "-" else options)])
 
 

@@ -370,6 +370,15 @@ def test_without_the_records_of_snakemake_every_job_runs_again(done, tmp_path):
     assert {("read", "M1", "top"), ("correct", "M1"), ("summary",)} <= planned(whole).keys()
 
 
+def test_results_of_a_later_date_are_refused(done, tmp_path):
+    """Snakemake would take a replaced raw file for an older one."""
+    whole = shutil.copytree(done, tmp_path / "whole")
+    os.utime(whole / "results/logs/summary.json", (4e9, 4e9))
+    ran = snakemake(whole, "--dry-run")
+    assert ran.returncode == 1 and "found some of a later date" in ran.stderr and "--forceall" in ran.stderr
+    assert snakemake(whole, "--dry-run", "--forceall").returncode == 0
+
+
 def replaced(path: Path, old: str, new: str) -> None:
     """Replace a text in a file once, under its old date."""
     status, content = path.stat(), path.read_bytes()
