@@ -121,7 +121,7 @@ def correct_in_pieces(
         doubts: periods whose headings are flagged as doubtful, with increased uncertainty.
     """
     decision = correct_headings(record_readings(record), fit, pairs, at)
-    tilted = tilted_iron_sigma(record, field) if at is None or not at.tilted else 0.0
+    tilted_deg = tilted_iron_sigma(record, field) if at is None or not at.tilted else 0.0
     denied = ("" if fit.covariance_known else UNKNOWN_COVARIANCE, find_implausibility(fit, record))
     doubts = (*doubts, *(doubt_whole_record(angles.UNIFORM_SIGMA_DEG, why) for why in denied if why))
     doubted, doubted_deg = evaluate_doubts(doubts, record.time_s)
@@ -130,7 +130,7 @@ def correct_in_pieces(
     rounded_deg = resolution / np.maximum(np.nan_to_num(slope, nan=1.0), MIN_SLOPE)
     whole, common = (
         np.minimum(np.sqrt(known**2 + unmodelled_deg**2 + doubted_deg**2 + further), angles.UNIFORM_SIGMA_DEG)
-        for known, further in ((decision.sigma_deg, rounded_deg**2 + tilted**2), (decision.common_deg, 0.0))
+        for known, further in ((decision.sigma_deg, rounded_deg**2 + tilted_deg**2), (decision.common_deg, 0.0))
     )
     probability = np.where(doubted, np.minimum(decision.probability, 0.0), decision.probability)
     decision = replace(decision, sigma_deg=whole, common_deg=common, probability=probability)
@@ -186,7 +186,7 @@ def correct_headings(
 def tilted_iron_sigma(record: Record, field: EarthField) -> Floats:
     """Compute the deflection of a tilted compass by vertical iron that the level model leaves out, (n,) degrees, 1σ.
 
-    Iron adds as much along the instrument's axis as across it in one that is not near a sphere, and 1 % of the vertical
+    Along the vertical axis, iron adds as much as it usually does across it away from a sphere, and 1 % of the vertical
     field. Its deflection, rms over headings, is doubled for errors of the tilts. A tilt of 5 degrees is assumed where
     none was recorded (von Appen 2015: typically 5).
     """

@@ -116,21 +116,20 @@ def known_slow_noises(known: SlowShear, speed_m_s: float) -> list[SlowNoise]:
         speed_m_s: median speed of the flow.
     """
     size_sigma, memory_sigma = np.hypot(known.log_sigma, SIZE_WIDENED), np.hypot(known.memory_log_sigma, MEMORY_WIDENED)
-    slow_noises = []
+    slow_noises, others = list[SlowNoise](), list[SlowNoise]()
+    priors = {step: -(FREEDOM + 1.0) / 2.0 * float(np.log1p(step**2 / FREEDOM)) for step in STEPS}
     for a, b in itertools.product(STEPS, STEPS):
         memory = float(np.clip(known.memory_days * np.exp(b * memory_sigma), *MEMORIES_DAYS))
-        prior = sum(-(FREEDOM + 1.0) / 2.0 * np.log1p(step**2 / FREEDOM) for step in (a, b))
         for share in VEER_SHARES:
             size = known.size_m_s * float(np.exp(a * size_sigma))
             veer = size * float(np.sqrt(share)) / max(speed_m_s, covariates.SLOWEST_M_S) / angles.DEGREE
             shear = size * float(np.sqrt(1.0 - share))
-            slow_noises.append(SlowNoise(Process(veer, memory), Process(shear, memory), prior))
+            slow_noises.append(SlowNoise(Process(veer, memory), Process(shear, memory), priors[a] + priors[b]))
     within = float(np.logaddexp.reduce([each.log_prior for each in slow_noises])) + np.log(OTHER_LAYER)
-    others = []
-    for size, days, step in itertools.product(VEER_DEG, VEER_DAYS[1:], STEPS[1:-1]):
-        sheared = Process(known.size_m_s * float(np.exp(step * size_sigma)), known.memory_days)
-        prior = -(FREEDOM + 1.0) / 2.0 * np.log1p(step**2 / FREEDOM) - np.log1p((size / USUAL_VEER_DEG) ** 2)
-        others.append(SlowNoise(Process(size, days), sheared, float(prior)))
+    for veer_deg, days, step in itertools.product(VEER_DEG, VEER_DAYS[1:], STEPS[1:-1]):
+        known_shear = Process(known.size_m_s * float(np.exp(step * size_sigma)), known.memory_days)
+        prior = priors[step] - float(np.log1p((veer_deg / USUAL_VEER_DEG) ** 2))
+        others.append(SlowNoise(Process(veer_deg, days), known_shear, prior))
     total = float(np.logaddexp.reduce([each.log_prior for each in others]))
     return slow_noises + [replace(each, log_prior=each.log_prior + within - total) for each in others]
 

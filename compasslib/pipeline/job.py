@@ -90,13 +90,14 @@ def _run(snakemake: Any, stage: Callable[..., None], say: Say, *, always_ends: b
     reads, writes = _enter_cruise(snakemake)
     record, unusable = str(writes.pop("job")), None
     texts = [value for value in snakemake.params if isinstance(value, str) and "=" in value]
-    settings, sorted_settings = unflatten(texts), unflatten(sorted(texts))  # the rule's order is of all moorings
+    settings = unflatten(texts)
     made = {
         "rule": snakemake.rule,
         "of": dict(snakemake.wildcards.items()),
         "software": provenance.software(),
         "library": settings.pop("library", ""),
-        "parameters": {name: value for name, value in sorted_settings.items() if name in settings},
+        # Sorted, since their order in the rule depends on other moorings.
+        "parameters": unflatten(sorted(text for text in texts if not text.startswith("library="))),
     }
     try:
         made["read"] = {path: hash_input(path) for path in _flat(reads)}

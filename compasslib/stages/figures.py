@@ -67,10 +67,11 @@ def cruise_figures(files: Files, say: Say, *, array: Sequence[Settings]) -> None
 
 
 def _draw(subject: str, name: str, sibling: str, files: Files, data: Any, say: Say) -> None:
-    """Draw the figures of a subject, each by its row of the table, from the data of the subject.
+    """Draw the figures of a subject, each by its row of the table, and delete those of formats no longer configured.
 
     Args:
-        sibling: a file of the folder in which ``figures`` is; those of formats that are not asked for are deleted.
+        sibling: a file beside the folder ``figures`` of the subject.
+        data: what the rows draw.
     """
     rows = {row.name: row for row in FIGURES[subject]}
     for former in {*Path(sibling).parent.glob("figures/*")} - {*map(Path, files.figures)}:

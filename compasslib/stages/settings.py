@@ -59,7 +59,7 @@ class Moorings:
         return list(self._instrument(name, role).files)
 
     def companion_files(self, name: str, role: str) -> list[str]:
-        """List the files besides the raw ones that the settings of an instrument's reading name."""
+        """List the further files that reading an instrument needs: named in its settings, or of one conversion."""
         neighbour, used = self._neighbour(name, role) or {}, self._instrument(name, role)
         recorded = used.files if used.format == "nortek" else ()
         converted = [each for file in recorded for each in list_converted(file, self.cruise.root)]
